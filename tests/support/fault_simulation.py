@@ -296,7 +296,7 @@ def _patches(
     yield mock.patch("tempfile.mkdtemp", lambda prefix: _mkdtemp(faults, spare, prefix))
     yield mock.patch("allanscope.pipeline.outputs.WorkerProcess", NoWorker)
     yield mock.patch.object(run, "search_processes", return_value=[])
-    yield mock.patch("allanscope.report.render", side_effect=lambda _: _page(faults))
+    yield mock.patch("allanscope.report.render", side_effect=lambda *_, **__: _page(faults))
 
     def recorder(*given: Any, **named: Any) -> Recorder:
         named |= {"commit_s": 0.01, "sync_s": 0.02, "backlog_bytes": plan.backlog_bytes}

@@ -21,6 +21,7 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.analysis.analyser import (
+        FEWEST_ROWS,
         Analyser,
         AnalyserSettings,
         LoopInput,
@@ -82,6 +83,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "FEWEST_ROWS",
     "SCHEMA",
     "UNEXPLAINED",
     "AlignedRecords",
@@ -161,6 +163,7 @@ __getattr__, __dir__ = lazily(
         "Separation": "together",
         "IndividualNoise": "together",
         "AlignedRecords": "together",
+        "FEWEST_ROWS": "analyser",
         "Analyser": "analyser",
         "AnalyserSettings": "analyser",
         "Analysis": "result",

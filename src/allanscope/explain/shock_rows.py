@@ -168,8 +168,9 @@ def _soft(
     looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
     with ThreadPoolExecutor(get_workers()) as threads:  # as many as transforms may have
         each = threads.map(lambda x: find_bursts(x, rate_hz, len(rows), repeated), rows.values())
-        for axis, (bursts, looked_at) in zip(rows, each, strict=True):
-            found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
+    for axis, (bursts, on_axis) in zip(rows, each, strict=True):
+        looked_at = on_axis
+        found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
     sets: list[list[tuple[str, Burst]]] = []
     for one in sorted(found, key=lambda pair: pair[1].first):
         if sets and one[1].first < max(burst.stop for _, burst in sets[-1]):

@@ -30,12 +30,14 @@ _OVERHEAD = 200
 TOGETHER_S = 0.08
 """How old a read may grow here: a third of what it may take from the port to the chart."""
 
-UNWATCHED_READ_S = 0.4
-"""The same where there is no chart and no screen."""
+UNWATCHED_READ_S = 1.0
+"""The same where there is no chart and no screen. What happens to the link is never held back."""
 
 
 class ReadQueue:
     """A queue of reads with room for so many bytes; the reader waits when it is full.
+
+    What has an event, such as a port that is back, is passed on at once.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ class ReadQueue:
         self._left: float = room
         self.together_s = together_s
         self._live = live
-        self._ended = threading.Event()
+        self._at_once = threading.Event()
 
     def put(self, chunk: Chunk) -> None:
         """Add a read; waits for room."""
@@ -64,11 +66,13 @@ class ReadQueue:
             self._taken.wait_for(lambda: self._left > 0)
             self._left -= len(chunk.data) + _OVERHEAD
         self._queue.put(chunk)
+        if chunk.event:  # a board that is back may wait for a word
+            self._at_once.set()
 
     def end(self) -> None:
         """Say that nothing follows; never waits."""
-        self._ended.set()
         self._queue.put(Chunk(0, event="end"))
+        self._at_once.set()
 
     def release_reader(self) -> None:
         """Release a reader that waits for room: the queue is not read any more."""
@@ -77,8 +81,9 @@ class ReadQueue:
     def get_all(self) -> list[Chunk]:
         """Wait for a read, and return all that have come a moment later, in order."""
         taken = [self._queue.get()]
-        if taken[0].event != "end":
+        if not taken[0].event:
             self._wait_for_more(taken[0].host_ns)
+        self._at_once.clear()  # before the rest is taken: what comes now sets it again
         while taken[-1].event != "end":
             try:
                 taken.append(self._queue.get_nowait())
@@ -91,7 +96,7 @@ class ReadQueue:
         age_s = 1e-9 * (time.monotonic_ns() - read_ns) if self._live else 0.0
         wait_s = min(self.together_s - age_s, self.together_s)
         if wait_s > 0.0:
-            self._ended.wait(wait_s)
+            self._at_once.wait(wait_s)
 
     def _free(self, size: float) -> None:
         with self._taken:

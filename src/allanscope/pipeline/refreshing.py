@@ -21,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib import import_module
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, Finding, LiveLoop
@@ -59,11 +60,14 @@ class RefreshPolicy:
 IN_VIEWER, IN_TERMINAL, UNWATCHED = (
     RefreshPolicy(0.1, 0.1),
     RefreshPolicy(0.01, 0.1),
-    RefreshPolicy(0.005, 1.0),
+    RefreshPolicy(0.0025, 2.0),
 )
 """With a viewer; in a terminal; without a screen, where results are only recorded."""
 
 LOW_PRIORITY = 10
+
+_OF_FITS = "scipy.optimize"
+"""What the first fit would have to load."""
 
 TRIM_S = 600.0
 """Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result."""
@@ -79,7 +83,8 @@ class Refresher:
     At the beginning they come more often than their share allows, whenever the run has become
     three times as long: the curves grow with the logarithm of time. And however little it allows,
     while somebody looks one comes every 5 s in the first minute, and later before the last one is
-    older than a tenth of the run, or a minute; else when the run has doubled, or every minute.
+    older than a tenth of the run, or a minute; else when the run is three times as long, or every
+    minute.
 
     Parameters
     ----------
@@ -123,6 +128,7 @@ class Refresher:
         self._thread.join(timeout=30.0)
 
     def _run(self) -> None:
+        import_module(_OF_FITS)  # while the first samples gather
         results, trimmed_s = 0, time.monotonic()
         while (frozen := self._work.get()) is not None:
             began_s, began_cpu_s = time.monotonic(), time.thread_time()
@@ -165,7 +171,7 @@ def _pause(run_s: float, spent_s: float, took_s: float, policy: RefreshPolicy) -
     >>> [round(_pause(run_s, 1.0, 1.0, IN_TERMINAL), 1) for run_s in (20.0, 300.0, 40_000.0)]
     [4.0, 29.0, 59.0]
     >>> [round(_pause(run_s, 1.0, 1.0, UNWATCHED), 1) for run_s in (20.0, 300.0, 40_000.0)]
-    [19.0, 59.0, 59.0]
+    [39.0, 59.0, 59.0]
     """
     oldest_s = min(max(policy.oldest * run_s, FRESH_S), OLDEST_S)
     wanted_s = spent_s / policy.share

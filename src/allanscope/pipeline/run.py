@@ -53,7 +53,7 @@ from allanscope.recording import Recorder, Recording
 from allanscope.samples import AXES, Event, Notice
 from allanscope.sanitize import complain
 from allanscope.sources import RecordedSource, Source, require_port
-from allanscope.view import RerunView, TerminalView, load_rerun
+from allanscope.view import RerunView, TerminalView, load_rerun, require_rerun
 from allanscope.worker_process import WorkerProcess
 
 __all__ = ["OpenSession", "close_recorder", "open_session", "run_live", "run_replay"]
@@ -89,7 +89,10 @@ def run_live(
         port = _recorded_port(past) if port == "auto" else port
     require_port(port)
     configure_malloc()
-    load_rerun()  # before the port is opened: a board does not wait
+    if port == "sim" and settings.view == "none":
+        require_rerun()  # a simulated board waits, and the first curve comes sooner
+    else:
+        load_rerun()  # before the port is opened: a board does not wait
     opened = open_session(port, device, settings, simulated, _policy(settings), past, resume)
     try:
         analysis = _run(opened.session, settings, opened.folder, opened.facts, opened.recorder)

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from allanscope.analysis import Analyser, Analysis, Depth, event_dict, summarise
+from allanscope.analysis import FEWEST_ROWS, Analyser, Analysis, Depth, event_dict, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.read_queue import (
     LIVE_ROOM,
@@ -47,6 +47,9 @@ __all__ = ["Listener", "NoticeQueue", "Session", "SessionRecorder"]
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""
+
+_PATIENCE_S = 1.0
+"""A slow device has a result, which shows that it is heard, before it has a curve."""
 
 _SETTLED_S = 1.0
 """After the first bytes it is said who reads the port: by then the process that reads it has taken
@@ -157,6 +160,7 @@ class Session:
         self._refresher = Refresher(self._show, policy, self.fail)
         self._space_due_ns = 0
         self._space_told = False
+        self._first_result_s = 0.0
 
     def stop(self) -> None:
         """End the session soon, as if the source had ended; callable from anywhere."""
@@ -195,7 +199,7 @@ class Session:
             self._fresh_events()  # what was found before is in the result, and not reported again
             while (chunks := self._inbox.get_all())[-1].event != "end":
                 self._process(chunks)
-                if self._samples_come():
+                if self.recorder is not None and self._has_result():
                     self._inbox.together_s = self._together_s
             self._process(chunks[:-1])
             for event in self.decoding.finish():
@@ -230,11 +234,6 @@ class Session:
             if notice.kind == "mark" and self.recorder is not None:
                 self.recorder.mark(notice.text, host_ns)
             self._emit(notice)
-
-    def _samples_come(self) -> bool:
-        """Return whether any sample has come; a replay is always taken together."""
-        state = self.analyser.state
-        return self.recorder is not None and state is not None and state.samples > 0
 
     def _emit_disk_space(self, host_ns: int) -> None:
         """Say once for how long the disk has room, and then plot it; the recorder alarms."""
@@ -289,9 +288,17 @@ class Session:
             feed = self.decoding.feed_buffer if isinstance(piece, Buffer) else self.decoding.feed
             for event in feed(piece):  # type: ignore[arg-type]
                 self._emit(event)
-        state = self.analyser.state
-        if state is not None and state.samples and self.listeners:
+        if self.listeners and self._has_result():
             self._refresher.offer(self.analyser)
+
+    def _has_result(self) -> bool:
+        """Return whether there are samples enough for a curve, or have been any for a while."""
+        state = self.analyser.state
+        if state is None or not state.samples:
+            return False
+        if not self._first_result_s:
+            self._first_result_s = time.monotonic() + _PATIENCE_S
+        return state.samples >= FEWEST_ROWS or time.monotonic() > self._first_result_s
 
     def _fresh_events(self) -> list[Notice]:
         """Return what the watch has found, or seen go, since this was last asked for."""

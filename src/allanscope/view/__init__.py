@@ -24,7 +24,7 @@ from allanscope.lazy import lazily
 if TYPE_CHECKING:
     from allanscope.view.progress_bar import is_notebook, progress
     from allanscope.view.rerun_recording import Canvas
-    from allanscope.view.rerun_view import RerunView, load_rerun
+    from allanscope.view.rerun_view import RerunView, load_rerun, require_rerun
     from allanscope.view.terminal import TerminalView, summary_lines
     from allanscope.view.viewer_process import ViewerProcess, has_display
 
@@ -37,6 +37,7 @@ __all__ = [
     "is_notebook",
     "load_rerun",
     "progress",
+    "require_rerun",
     "summary_lines",
 ]
 
@@ -49,6 +50,7 @@ __getattr__, __dir__ = lazily(
         "ViewerProcess": "viewer_process",
         "has_display": "viewer_process",
         "load_rerun": "rerun_view",
+        "require_rerun": "rerun_view",
         "is_notebook": "progress_bar",
         "progress": "progress_bar",
         "summary_lines": "terminal",

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allanscope.analysis import Analysis
+from allanscope.lazy import once
 from allanscope.view.decimator import LogSpacing, Rows, RowThinner
 from allanscope.view.viewer_process import optimise
 
@@ -52,17 +53,22 @@ class Outlet:
 
     Parameters
     ----------
-    canvas : Canvas
-        Draws.
+    make : callable
+        Returns the canvas that draws, when something is to be drawn for the first time.
     spacing : LogSpacing, optional
         Which results are drawn.
     """
 
-    def __init__(self, canvas: Canvas, spacing: LogSpacing | None = None) -> None:
-        self.canvas = canvas
+    def __init__(self, make: Callable[[], Canvas], spacing: LogSpacing | None = None) -> None:
+        self._make = make
         self._spacing = spacing or LogSpacing()
         self._rare_spacing = replace(self._spacing, stretch=_RARELY)
         self._waits = self._everything = False
+
+    @once
+    def canvas(self) -> Canvas:
+        """What draws."""
+        return self._make()
 
     def due(self, duration_s: float) -> bool:
         """Return whether the result after this much of the run is to be drawn; called by others."""
@@ -106,8 +112,8 @@ class FileOutlet(Outlet):
 
     Parameters
     ----------
-    canvas : Canvas
-        Draws into the file.
+    make : callable
+        Returns the canvas that draws into the file; called by the thread that draws.
     path : Path
         The file.
     say : callable
@@ -125,12 +131,12 @@ class FileOutlet(Outlet):
 
     def __init__(
         self,
-        canvas: Canvas,
+        make: Callable[[], Canvas],
         path: Path,
         say: Callable[[str], None],
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
-        super().__init__(canvas, LogSpacing(share=FILE_SHARE, longest_s=float("inf")))
+        super().__init__(make, LogSpacing(share=FILE_SHARE, longest_s=float("inf")))
         self.path = path
         self.ended = ""
         self.failed = False

@@ -10,17 +10,22 @@
                                          FileOutlet ──▶ session.rrd
 
 No method blocks, whatever the viewer does. Rerun takes more than a second and 90 MB to import, so
-that is left to `start`, or to `load_rerun` where something must not wait for it later.
+that is left to `start`, or to `load_rerun` where something must not wait for it later. Where there
+is only a file to write, and Rerun is not loaded yet, the worker thread loads it after the first
+result, which comes sooner so; what is to be drawn waits there.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +46,7 @@ from allanscope.view.worker import Worker
 if TYPE_CHECKING:
     from allanscope.view.rerun_recording import Canvas
 
-__all__ = ["RerunView", "ViewMode", "load_rerun"]
+__all__ = ["RerunView", "ViewMode", "load_rerun", "require_rerun"]
 
 _QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 1, 10, 1800.0
 """Rows of the series that travel together: a tenth of a second; a second after half an hour, and
@@ -61,10 +66,22 @@ _PREFIX: Mapping[str, tuple[str, Level]] = {
 }
 
 
+_DRAWING = "allanscope.view.rerun_recording"
+
+_LATEST_LOAD_S = 10.0
+"""Rerun is loaded by then, though there is no result yet."""
+
+
 def load_rerun() -> None:
     """Import Rerun, which would log to the terminal if it were not told before."""
     os.environ.setdefault("RUST_LOG", "off")
-    import_module("allanscope.view.rerun_recording")
+    import_module(_DRAWING)
+
+
+def require_rerun() -> None:
+    """Raise what `load_rerun` raises where Rerun is not installed, and import nothing."""
+    if find_spec("rerun") is None:
+        raise ModuleNotFoundError("No module named 'rerun'", name="rerun")
 
 
 class RerunView:
@@ -126,6 +143,7 @@ class RerunView:
         self._streaming = False
         self._status_at_s = -_STATUS_EVERY_S
         self._gaps = GapThrottle()
+        self._may_load = threading.Event()
 
     def start(self, canvas: Canvas | None = None) -> None:
         """Open the file, the server and the viewer, and say where to look.
@@ -136,21 +154,23 @@ class RerunView:
             Where to draw instead, as for a viewer that reads this program's output.
         """
         if canvas is not None:
-            self._outlets, self._worker = [Outlet(canvas)], Worker("rerun-view")
+            self._outlets, self._worker = [Outlet(lambda: canvas)], Worker("rerun-view")
             return
         if self._mode == "none" and self._file is None:
             return
-        load_rerun()
-        from allanscope.view.rerun_recording import Canvas
-
         serve = self._mode != "none"
-        data = None if self._port is None else self._port + DATA_PORT_AFTER_PAGE
         if serve:
-            canvas, self.address = Canvas.serve(self._session, data)
-            self._outlets.append(Outlet(canvas))
+            load_rerun()
+            from allanscope.view.rerun_recording import Canvas
+
+            data = None if self._port is None else self._port + DATA_PORT_AFTER_PAGE
+            served, self.address = Canvas.serve(self._session, data)
+            self._outlets.append(Outlet(lambda: served))
         if self._file is not None:
             self._start_file(self._file)
         self._worker = Worker("rerun-view")
+        if _DRAWING not in sys.modules:
+            self._worker.submit(self._wait_for_result)
         if serve:
             self.viewer = ViewerSupervisor(self.address, self._mode, self._say, self._port)
 
@@ -176,13 +196,11 @@ class RerunView:
 
     def _start_file(self, file: Path) -> None:
         """Begin the file if the disk has room for it."""
-        from allanscope.view.rerun_recording import Canvas
-
         self.failure = refusal(file)
         if self.failure:
             self._say(self.failure)
         else:
-            self._outlets.append(FileOutlet(Canvas.to_file(self._session, file), file, self._say))
+            self._outlets.append(FileOutlet(partial(_canvas, self._session, file), file, self._say))
 
     @property
     def dropped(self) -> int:
@@ -249,6 +267,7 @@ class RerunView:
             self.viewer.watch()
         self._decimator.rate(analysis.rate.best_hz, analysis.duration_s)
         self._latest = analysis
+        self._may_load.set()
         due = [outlet.due(analysis.duration_s) for outlet in self._outlets]
         if any(due):
             self._submit(self._draw_latest, once="result")
@@ -260,6 +279,7 @@ class RerunView:
 
     def settle(self, timeout_s: float = 10.0) -> bool:
         """Wait until everything so far is drawn; return False when that takes longer."""
+        self._may_load.set()
         return self._worker is None or self._worker.settle(timeout_s)
 
     def close(
@@ -287,6 +307,7 @@ class RerunView:
             stay()
             return
         self._latest = final or self._latest
+        self._may_load.set()
         page = self.serves_page
         ended = worker.close(partial(self._finish, keep_served=page), timeout_s)
         kept = [outlet for outlet in self._outlets if isinstance(outlet, FileOutlet)]
@@ -309,6 +330,10 @@ class RerunView:
                 one.wait()
 
     # --- in the worker's thread -----------------------------------------------------------------
+
+    def _wait_for_result(self) -> None:
+        """Wait until Rerun may be loaded."""
+        self._may_load.wait(_LATEST_LOAD_S)
 
     def _draw_rows(self) -> None:
         """Draw all rows that have come; in a fast replay they are many at once."""
@@ -368,3 +393,11 @@ class RerunView:
     def _submit(self, task: Callable[[], None], once: str = "") -> None:
         if self._worker is not None and self._outlets:
             self._worker.submit(task, once)
+
+
+def _canvas(session: Mapping[str, object], file: Path) -> Canvas:
+    """Return what draws into a file."""
+    load_rerun()
+    from allanscope.view.rerun_recording import Canvas
+
+    return Canvas.to_file(session, file)

@@ -15,13 +15,8 @@ import pytest
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 from allanscope.pipeline.outputs import charts_of
-from allanscope.view.viewer_process import (
-    _environment,
-    free_port,
-    policy,
-    rerun_binary,
-    without_links,
-)
+from allanscope.view.viewer_page import policy, without_links
+from allanscope.view.viewer_process import _environment, free_port, rerun_binary
 from support.browser import drawn, why_no_browser
 from support.headless_viewer import why_no_viewer
 from support.netlog import NETLOG, asked_for

@@ -83,5 +83,6 @@ def test_no_other_place_in_the_sources_opens_a_listening_socket() -> None:
         "fleet/cluster.py",
         "simulator/virtual_port.py",
         "view/rerun_recording.py",
+        "view/viewer_page.py",
         "view/viewer_process.py",
     }

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from allanscope.recording import Chunk, Recorder, Recording
-from allanscope.view import RerunView, outlet
+from allanscope.view import RerunView, outlet, rerun_view
 from allanscope.view.decimator import ROWS_HZ, LogSpacing, Rows, RowThinner
 from support.demo_analysis import demo_analysis
 from support.demo_session import perform
@@ -189,3 +191,33 @@ def test_a_served_run_keeps_the_minute_that_its_file_does_without() -> None:
     at = range(36_000, 37_000)
     assert sum(map(shown.due, map(float, at))) >= 16
     assert sum(map(kept.due, map(float, at))) <= 2
+
+
+def test_a_file_alone_is_begun_after_the_first_result_and_has_what_came_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loading Rerun takes longer than the first curve, which must not wait for it."""
+    monkeypatch.setattr(rerun_view, "_DRAWING", "not loaded yet")
+    monkeypatch.setattr(rerun_view, "load_rerun", lambda: None)
+    view = RerunView(tmp_path, "none")
+    view.start()
+    view.notice("something before the first result")
+    time.sleep(0.1)
+    assert not (tmp_path / "session.rrd").exists()
+    view.snapshot(demo_analysis(2.0))
+    assert view.settle(60.0)
+    assert (tmp_path / "session.rrd").exists()
+    view.close()
+    assert view.failure == ""
+    remarks = read_back(tmp_path / "session.rrd")["/log"]
+    assert "something before the first result" in str(remarks)
+
+
+def test_what_is_not_installed_is_told_before_a_run() -> None:
+    rerun_view.require_rerun()
+    with (
+        mock.patch.object(rerun_view, "find_spec", return_value=None),
+        pytest.raises(ModuleNotFoundError, match="rerun") as caught,
+    ):
+        rerun_view.require_rerun()
+    assert caught.value.name == "rerun"

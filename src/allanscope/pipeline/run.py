@@ -315,13 +315,13 @@ class _ResultOutput:
                 self._report = ReportProcess(*self.workers[:1])
 
     def begin(self, final: Analysis) -> None:
-        """Write the numbers, and begin to draw the report: the search is over."""
+        """Begin to draw the report, and write the numbers meanwhile: the search is over."""
         for worker in self.workers[1:]:
             worker.close()
         if self._folder is not None and self._report is not None and final.samples:
+            self._report.begin(final)
             self._files = ResultFiles(self._folder)
             self._files.write("result.json", partial(write_json, final))
-            self._report.begin(final)
 
     def finish(self, final: Analysis) -> Analysis:
         """Wait for the report, say what is there, and return the result with what failed."""

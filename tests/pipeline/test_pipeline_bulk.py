@@ -9,8 +9,9 @@ import pytest
 
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.pipeline import Decoding
-from allanscope.pipeline.replaying import feed_analyser
+from allanscope.pipeline.replaying import feed_analyser, joined
 from allanscope.recording import Chunk, Fingerprint, Recording, SessionWriter
+from allanscope.samples import Block, Gap, Notice, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.wire import WireSettings
 
@@ -166,3 +167,39 @@ def test_the_fingerprint_does_not_depend_on_the_pieces(tmp_path):
         for buffer in Recording(folder).buffers(size):
             fingerprint.add(buffer)
         assert fingerprint.hexdigest() == expected
+
+
+def block(index, rows, kind=np.int16):
+    """Return a Block whose samples and times are their numbers, with a tick at every second."""
+    number = np.arange(index, index + rows)
+    offset = np.arange(0, rows, 2)
+    return Block(
+        index,
+        number[:, np.newaxis].astype(kind),
+        Ticks(offset, *np.tile(number[offset] / 1.0, (3, 1))),
+    )
+
+
+def test_blocks_about_a_status_are_joined_with_their_ticks():
+    status = Notice("status", "sent 3")
+    first, whole = joined([block(0, 3), status, block(3, 4), block(7, 1)], rows=8)
+    assert first is status
+    assert whole.index == 0
+    assert whole.counts.ravel().tolist() == list(range(8))
+    assert whole.ticks.offset.tolist() == [0, 2, 3, 5, 7]
+    assert whole.ticks.host_s.tolist() == whole.ticks.device_s.tolist() == [0, 2, 3, 5, 7]
+
+
+def test_nothing_is_joined_across_a_gap_a_mark_or_another_type():
+    apart = [Gap("link", 2), Notice("mark", "lid opened")]
+    for between in apart:
+        events = [block(0, 3), between, block(5, 3)]
+        found = list(joined(events, rows=100))
+        assert [type(one) for one in found] == [Block, type(between), Block]
+    found = list(joined([block(0, 3), block(3, 3, np.float64)], rows=100))
+    assert [one.counts.dtype for one in found] == [np.int16, np.float64]
+
+
+def test_joined_blocks_are_no_longer_than_asked_for_and_one_block_more():
+    found = list(joined([block(4 * i, 4) for i in range(5)], rows=8))
+    assert [len(one) for one in found] == [8, 8, 4]

@@ -26,7 +26,7 @@ from allanscope.analysis import Analyser
 from allanscope.errors import InputError
 from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Buffer
-from allanscope.samples import Event, Notice
+from allanscope.samples import Block, Event, Notice, Ticks
 from allanscope.sources import RecordedSource, Source, open_file
 from allanscope.view import progress
 
@@ -114,9 +114,63 @@ def feed_analyser(
     seen: Callable[[Buffer], None] | None = None,
 ) -> Analyser:
     """Take a whole file into an analyser and return it."""
-    for event in events_of(path, decoding, quiet, "analysing", seen):
+    events = events_of(path, decoding, quiet, "analysing", seen)
+    for event in joined(events, analyser.settings.buffered_rows):
         analyser.feed(event)
     return analyser
+
+
+def joined(events: Iterable[Event], rows: int) -> Iterator[Event]:
+    """Yield events with contiguous Blocks joined until they have so many rows.
+
+    A device that tells its status once a second cuts its samples as often, and every Block costs
+    as much as a thousand rows. Such remarks are passed on before the Block that they are in; a
+    mark stays where it was set.
+
+    Examples
+    --------
+    >>> blocks = [Block(at, np.zeros((3, 1), np.int16), Ticks.none()) for at in (0, 3)]
+    >>> status = Notice("status", "sent 3")
+    >>> [type(event).__name__ for event in joined([blocks[0], status, blocks[1]], 8)]
+    ['Notice', 'Block']
+    """
+    held: list[Block] = []
+    for event in events:
+        if isinstance(event, Notice) and event.kind != "mark":
+            yield event
+            continue
+        if held and not (_is_like(event, held[0]) and sum(map(len, held)) < rows):
+            yield _one_block(held)
+            held = []
+        if isinstance(event, Block):
+            held.append(event)
+        else:
+            yield event
+    if held:
+        yield _one_block(held)
+
+
+def _is_like(event: Event, block: Block) -> bool:
+    return isinstance(event, Block) and event.counts.dtype == block.counts.dtype
+
+
+def _one_block(blocks: list[Block]) -> Block:
+    """Return contiguous Blocks as one."""
+    first, *others = blocks
+    if not others:
+        return first
+    begins = np.cumsum([0, *map(len, blocks[:-1])])
+    ticks = [block.ticks for block in blocks]
+    return Block(
+        first.index,
+        np.concatenate([block.counts for block in blocks]),
+        Ticks(
+            np.concatenate([at + one.offset for at, one in zip(begins, ticks, strict=True)]),
+            np.concatenate([one.device_s for one in ticks]),
+            np.concatenate([one.host_s for one in ticks]),
+            np.concatenate([one.temperature_c for one in ticks]),
+        ),
+    )
 
 
 @dataclass(slots=True)

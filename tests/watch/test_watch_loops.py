@@ -37,7 +37,14 @@ from allanscope.watch.scan import (
     Scan,
     log_tail,
 )
-from allanscope.watch.summary import FIRST_BIN, Summariser, of_axis
+from allanscope.watch.summary import (
+    FIRST_BIN,
+    MEDIAN_TO_SIGMA,
+    OUTLIER_SIGMAS,
+    Summariser,
+    _is_usual,
+    of_axis,
+)
 
 
 @pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float64])
@@ -143,6 +150,23 @@ class PlainScan:
             peak = 3.0 if early else min(new / usual, 16.0) ** 2
             self.square[w, c] += gain * (calm - usual)
             self.fourth[w, c] += gain * (peak - self.fourth[w, c])
+
+
+def test_what_a_count_calls_usual_has_no_outlier_by_the_median():
+    rng = np.random.default_rng(6)
+    usual = 0
+    for trial in range(600):
+        away = np.abs(rng.normal(0.0, 9.0, rng.choice([32, 33, 104]))).astype(np.float32)
+        away[0] = np.float32(
+            OUTLIER_SIGMAS * MEDIAN_TO_SIGMA * np.median(away) * (0.5 + trial / 600)
+        )
+        limit = np.float32(OUTLIER_SIGMAS * MEDIAN_TO_SIGMA * float(np.median(away)))
+        if _is_usual(away):
+            usual += 1
+            assert not (away > limit).any()
+        elif trial < 200:
+            raise AssertionError(f"{away.max()} of {limit} is far from an outlier")
+    assert usual > 200
 
 
 def test_ratios_of_white_noise_average_to_one():

@@ -47,6 +47,10 @@ def sums() -> None:
             bank.update(RNG.normal(0.0, 9.0, (n, 2)).astype(np.int16))
             bank.dynamic()
             bank.gap()
+    for most in (9.0, 90.0):  # in stretches, with a knock that does not fit
+        counts = RNG.normal(0.0, most, (20_000, 2)).astype(np.int16)
+        counts[[13_000, 13_001], 1] = [-32768, 32767]
+        AllanBank(104.0, 2, window=20.0).update(counts)
     data = RNG.normal(size=(ALIGNED, 2))
     shard = Shard(2, 4, data[0])
     shard.extend(data)

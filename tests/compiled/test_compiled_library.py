@@ -110,6 +110,8 @@ def results() -> list[NDArray[Any]]:
     counts = np.rint(rng.normal(0.0, [3.0, 25.0, 80.0, 300.0, 5000.0], (9001, 5))).astype(np.int16)
     whole = Cascade(axes=5, per_octave=4)
     whole.extend(counts, np.array([1.0, 0.0, 7.0, -200.0, 0.0]))
+    quiet = Cascade(axes=2, per_octave=4)  # whole numbers that stay so for a stretch
+    quiet.extend(counts[:, :2], np.array([1.0, 0.0]))
     rows = Archive(axes=5, rows=512)
     rows.extend(counts)
     bank = ladder.Ladder(2)
@@ -123,6 +125,7 @@ def results() -> list[NDArray[Any]]:
     return [
         *cascade.settled().arrays().values(),
         *whole.settled().arrays().values(),
+        *quiet.settled().arrays().values(),
         rows.sums,
         ladder.narrow_columns(counts, np.zeros(5)),
         *(np.asarray(array) for array in bank.arrays().values()),

@@ -44,6 +44,9 @@ __all__ = ["AllanBank", "pack_state"]
 _SLICE = 1 << 15
 """Samples converted to float64 at a time: so many that the calls between the loops do not count,
 so few that a cache of two megabytes holds them."""
+_ALIGNED = 1 << 11
+"""Samples of a segment between the places where the loops can begin a stretch of whole numbers
+(`compiled/stretch.c`): slices end there."""
 _FORMAT = "allanscope bank"
 _VERSION = 2
 
@@ -185,6 +188,8 @@ class AllanBank:
         borders, start = self._borders, 0
         while start < len(data):
             size = _SLICE if borders is None else min(_SLICE, borders.most_samples)
+            beyond = (self._cascade.taken + size) % _ALIGNED
+            size -= beyond if beyond < size else 0
             piece = rows_of(data[start : start + size])
             if borders is not None:
                 self._cascade.make_room(len(piece))

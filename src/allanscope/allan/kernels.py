@@ -51,7 +51,8 @@ last bit. `settle` does the same for half-filled rungs, at the end of a segment.
 Samples come in rows of all axes, which are summed up side by side: the sums of one axis wait for
 each other. Squares are summed in four lanes, as vector registers need it, in an order that is the
 same on every processor. The loops are `compiled/cascade.c`; where samples are whole numbers, as
-counts are, most terms are those of `compiled/whole.c`, which have the same bits.
+counts are, most terms are those of `compiled/whole.c`, and the low rungs are kept as such for long
+stretches (`compiled/stretch.c`), with the same bits.
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ static inline __attribute__((always_inline)) void overlap(
         TERMS(lanes, j)
         w_sums += w, ww += w * w, dd += d * d, hh += h * h, ee += e * e, rr += r * r;
     }
-    for (int lane = 0; j < n; j++, lane++) {
+    for (int lane = 0; lane < LANES && j < n; j++, lane++) { /* fewer: gcc cannot tell */
         TERMS(double, j)
         w_sums[lane] += w, ww[lane] += w * w, dd[lane] += d * d;
         hh[lane] += h * h, ee[lane] += e * e, rr[lane] += r * r;
@@ -519,8 +519,10 @@ static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batche
     }
 }
 
+#include "stretch.c"
+
 /* Take in n rows of samples of all axes, less the anchor of each, after `taken` of this segment. */
-#define ADVANCE(name, type, take_in)                                                             \
+#define ADVANCE(name, type, take_in, stretch)                                                    \
     KERNEL(void, name)                                                                           \
     (const type *rows, const double *anchor, int64_t n, int64_t taken, LADDER) {                 \
         ladder all = THE_LADDER, *l = &all;                                                      \
@@ -531,6 +533,9 @@ static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batche
             int64_t many = least(GROUP, axes - group);                                           \
             for (int64_t i = 0; i < many * levels; i++) forget_sizes(l, i / levels, i % levels); \
             for (int64_t done = 0, count = taken; done < n;) {                                   \
+                int64_t length = stretch(l, group, many, rows + done * axes, n - done, count, anchor);\
+                done += length, count += length;                                                 \
+                if (length > 0) continue;                                                        \
                 int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);        \
                 for (int64_t a = 0; a < many; a += LANES)                                        \
                     take_in(l, group + a, at, rows + done * axes, rows + n * axes, size, anchor);\
@@ -542,8 +547,8 @@ static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batche
         }                                                                                        \
     }
 
-ADVANCE(cascade_advance_int16, int16_t, take_in_int16)
-ADVANCE(cascade_advance_float64, double, take_in_float64)
+ADVANCE(cascade_advance_int16, int16_t, take_in_int16, stretch_int16)
+ADVANCE(cascade_advance_float64, double, take_in_float64, stretch_float64)
 
 /* The squares that TOTDEV has beyond OADEV: those that reach past an end. Beyond it the record goes
    on as its own image turned by 180 degrees about the last point, x[-j] = 2 x[0] - x[j] (Howe

@@ -21,15 +21,28 @@ enum {
 #define MOST_BEND 1.8e8          /* 256 squares of it fit in 63 bits */
 #define MOST_DISTANCE 1e15       /* twice it is below 2^51 */
 
+/* Entries as whole numbers: half of them history, half new as on a rung, and room for as many more. */
+enum { ROOM = ENTRIES + BATCH };
 typedef struct {
-    int32_t x[ENTRIES], z[ENTRIES], q[ENTRIES]; /* modulo 2^32; q twice, because it has halves */
-    int32_t with_x[ENTRIES];                    /* z, on rung 0 with the last phase */
-    int16_t x_low[ENTRIES], z_low[ENTRIES], q_low[ENTRIES], with_x_low[ENTRIES]; /* modulo 2^16 */
-    int32_t rises[LONGEST_LAG + 1];             /* sum of w of the new entries, by lag */
-    double steepest, range, curve, bend;        /* of x: the largest step, and from least to most;
-                                                   bounds of |e| / 2 k^2 and |2 r| / k^3 */
+    int32_t x[ROOM], z[ROOM], q[ROOM];                                   /* modulo 2^32; q twice, because it has halves */
+    int32_t with_x[ROOM];                                                /* z, on rung 0 with the last phase */
+    int16_t x_low[ROOM], z_low[ROOM], q_low[ROOM], with_x_low[ROOM]; /* modulo 2^16 */
+} places;
+
+typedef struct {
+    const int32_t *x, *z, *q, *with_x; /* ENTRIES of `places` */
+    const int16_t *x_low, *z_low, *q_low, *with_x_low;
+    int32_t rises[LONGEST_LAG + 1];      /* sum of w of the new entries, by lag */
+    double steepest, range, curve, bend; /* of x: the largest step, and from least to most;
+                                            bounds of |e| / 2 k^2 and |2 r| / k^3 */
     int64_t stride;
 } whole;
+
+/* Take the entries from number `at` on. */
+static whole whole_at(const places *from, int64_t at, int64_t stride) {
+    return (whole){from->x + at, from->z + at, from->q + at, from->with_x + at, from->x_low + at,
+                   from->z_low + at, from->q_low + at, from->with_x_low + at, {0}, 0.0, 0.0, 0.0, 0.0, stride};
+}
 
 /* The low 32 bits of eight whole numbers below 2^51: of a double near 2^52 they are its own. */
 static inline __m256i low_bits(__m256d a, __m256d b) {
@@ -92,32 +105,41 @@ static sizes sizes_of(const double *x, double stride, int64_t from, int64_t stop
     return (sizes){step, most_of(curves), most_of(rests)};
 }
 
-/* Take a full rung that begins no segment as whole numbers, for lags up to k; return 0 where they are
-   none, or where a term might not fit. `known` is what the history was found to be when it was new: a
-   frame that moves changes nothing of it. It receives what is new.
+/* Find what bounds the terms of lags up to k, from the sizes of the history and of what is new; return
+   0 where one might not fit.
 
    With z'' for the second differences of z, and f for what the steps of q have beyond the trapezoids
    under z, above the lowest rung
 
        |e| <= 2 k^2 max |z''|,    |2 r| <= s k^3 / 3 max |z''| + 4 k max |f|. */
-static int to_whole(const double *rung, int64_t stride, int64_t k, sizes *known, whole *to) {
-    const double *x = rung, *z = x + ENTRIES, *q = z + ENTRIES;
-    const int64_t oldest = (BATCH - 3 * k) & ~(int64_t)(2 * AT_ONCE - 1);
-    sizes old = known->step < 0.0 ? sizes_of(x, (double)stride, oldest + 2, BATCH) : *known;
-    sizes new = sizes_of(x, (double)stride, BATCH, ENTRIES);
-    *known = new;
-    to->steepest = larger(old.step, new.step), to->stride = stride;
-    if (stride == 1) {
+static int find_bounds(sizes old, sizes new, int64_t k, whole *to) {
+    to->steepest = larger(old.step, new.step);
+    if (to->stride == 1) {
         to->curve = to->steepest, to->bend = to->steepest / 3.0;
     } else {
         to->curve = larger(old.curve, new.curve) + 1.0;
-        to->bend = (double)stride / 3.0 * to->curve + 4.0 * (larger(old.rest, new.rest) + 1.0);
+        to->bend = (double)to->stride / 3.0 * to->curve + 4.0 * (larger(old.rest, new.rest) + 1.0);
     }
     double longest = (double)k, most_bend = larger(to->bend, to->steepest / 3.0);
-    if (!(most_bend * longest * longest * longest <= MOST_BEND)) return 0;
+    return most_bend * longest * longest * longest <= MOST_BEND;
+}
+
+static void find_rises(whole *to) {
+    uint32_t rise = 0;
+    for (int64_t k = 1; k <= LONGEST_LAG; k++) {
+        rise += (uint32_t)to->x[ENTRIES - k] - (uint32_t)to->x[BATCH - k];
+        to->rises[k] = (int32_t)rise;
+    }
+}
+
+/* Take entries of a rung from number `from` up to `stop` as whole numbers, sixteen at a time; return 0
+   where they are too far from their origin. `range` receives that of x. */
+static int whole_entries(
+    const double *rung, int64_t stride, int64_t from, int64_t stop, places *to, double *range) {
+    const double *x = rung, *z = x + ENTRIES, *q = z + ENTRIES;
     __m256i least_x = _mm256_set1_epi32(INT32_MAX), most_x = _mm256_set1_epi32(INT32_MIN);
     __m256d far = _mm256_setzero_pd();
-    for (int64_t j = oldest; j < ENTRIES; j += 2 * AT_ONCE) {
+    for (int64_t j = from; j < stop; j += 2 * AT_ONCE) {
         __m256i xs[2], zs[2], qs[2], ys[2];
         for (int i = 0; i < 2; i++) {
             int64_t at = j + i * AT_ONCE;
@@ -137,13 +159,22 @@ static int to_whole(const double *rung, int64_t stride, int64_t k, sizes *known,
         keep_low(xs[0], xs[1], to->x_low + j), keep_low(zs[0], zs[1], to->z_low + j);
         keep_low(qs[0], qs[1], to->q_low + j), keep_low(ys[0], ys[1], to->with_x_low + j);
     }
-    if (!(most_of(far) < MOST_DISTANCE)) return 0;
-    int32_t rise = 0;
-    for (int64_t k = 1; k <= LONGEST_LAG; k++) {
-        rise += to->x[ENTRIES - k] - to->x[BATCH - k];
-        to->rises[k] = rise;
-    }
-    to->range = (double)largest_of(most_x) - (double)least_of(least_x);
+    *range = (double)largest_of(most_x) - (double)least_of(least_x);
+    return most_of(far) < MOST_DISTANCE;
+}
+
+/* Take a full rung that begins no segment as whole numbers, for lags up to k; return 0 where they are
+   none, or where a term might not fit. `known` is what the history was found to be when it was new: a
+   frame that moves changes nothing of it. It receives what is new. */
+static int to_whole(const double *rung, int64_t k, sizes *known, places *room, whole *to) {
+    const int64_t oldest = (BATCH - 3 * k) & ~(int64_t)(2 * AT_ONCE - 1);
+    double stride = (double)to->stride;
+    sizes old = known->step < 0.0 ? sizes_of(rung, stride, oldest + 2, BATCH) : *known;
+    sizes new = sizes_of(rung, stride, BATCH, ENTRIES);
+    *known = new;
+    if (!find_bounds(old, new, k, to)) return 0;
+    if (!whole_entries(rung, to->stride, oldest, ENTRIES, room, &to->range)) return 0;
+    find_rises(to);
     return 1;
 }
 
@@ -343,23 +374,25 @@ static void whole_apart(const int16_t *room, int64_t n, int64_t rise, double *to
     total[HDEV] += (double)total_of(hh);
 }
 
-/* Add all terms that end in the new entries of a full rung, of which `before` came before; bit t of
-   the masks tells that those of lag t are there, overlapping or apart. */
-static void spend_whole(
-    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, sizes *known,
-    double *sums, uint64_t *overlapping, uint64_t *apart) {
-    whole own;
+/* Add all terms that end in the new entries, of which `before` came before; bit t of the masks tells
+   that those of lag t are there, overlapping or apart. */
+static void add_whole(
+    const whole *own, int64_t before, const int64_t *lags, int64_t count, double *sums,
+    uint64_t *overlapping, uint64_t *apart) {
     int16_t rooms[MOST_GATHERED];
     int64_t gathered[LONGEST_LAG], rises[LONGEST_LAG], used = 0;
-    if (!to_whole(rung, stride, lags[count - 1], known, &own)) return;
     for (int64_t t = 0; t < count; t++)
-        if (whole_overlap(&own, lags[t], sums + t * WIDTH)) *overlapping |= (uint64_t)1 << t;
+        if (whole_overlap(own, lags[t], sums + t * WIDTH)) *overlapping |= (uint64_t)1 << t;
     *apart = *overlapping & (lags[0] == 1);
     /* All are gathered before the first is read: a register waits for what was stored in pieces. */
-    for (int64_t t = lags[0] == 1; t < count && is_narrow(&own, lags[t]); t++) {
+    for (int64_t t = lags[0] == 1; t < count && is_narrow(own, lags[t]); t++) {
         int64_t k = lags[t], start = BATCH - 1 + k - before % k;
-        gathered[t] = gather_apart(&own, start, k, rooms + used);
-        rises[t] = gathered[t] ? (int64_t)own.x[start + (gathered[t] - 1) * k] - own.x[start - k] : 0;
+        gathered[t] = gather_apart(own, start, k, rooms + used);
+        rises[t] = 0;
+        if (gathered[t] > 0) {
+            uint32_t last = (uint32_t)own->x[start + (gathered[t] - 1) * k];
+            rises[t] = (int32_t)(last - (uint32_t)own->x[start - k]);
+        }
         used += gathered[t] + 3;
         *apart |= (uint64_t)1 << t;
     }
@@ -368,6 +401,16 @@ static void spend_whole(
         whole_apart(room, gathered[t], rises[t], sums + t * WIDTH);
         room += gathered[t] + 3;
     }
+}
+
+/* The same of a full rung of doubles. */
+static void spend_whole(
+    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, sizes *known,
+    double *sums, uint64_t *overlapping, uint64_t *apart) {
+    places room;
+    whole own = whole_at(&room, 0, stride);
+    if (to_whole(rung, lags[count - 1], known, &room, &own))
+        add_whole(&own, before, lags, count, sums, overlapping, apart);
 }
 
 #else /* Doubles give the same bits. */

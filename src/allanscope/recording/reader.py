@@ -164,7 +164,7 @@ class Recording:
             yield from buffer.chunks()
 
     def buffers(self, size: int = 1 << 22, after: int = 0) -> Iterator[Buffer]:
-        """Yield the same in pieces of about `size` bytes; an event of the link begins a new one.
+        """Yield the same in pieces of up to `size` bytes; an event of the link begins a new one.
 
         `after` is the number that the first read should have, for a part of a recording.
         """
@@ -176,7 +176,7 @@ class Recording:
                     if sequence != expected and expected and sequence:
                         yield from gathered.drain()
                         gathered = _ReadBatch("hole", host_ns)
-                    elif gathered.length >= size or gathered.reads >= MOST_MESSAGES:
+                    elif gathered.length + stop - start > size or gathered.reads >= MOST_MESSAGES:
                         yield from gathered.drain()
                         gathered = _ReadBatch()
                     expected = sequence + 1 & 0xFFFFFFFF
@@ -261,7 +261,6 @@ class _ReadBatch:
         self._event_ns = event_ns
         self._text = text
         self._parts: list[bytes] = []
-        self._offsets: list[int] = []
         self._times: list[int] = []
 
     @property
@@ -271,16 +270,16 @@ class _ReadBatch:
 
     def add(self, data: bytes, host_ns: int) -> None:
         self._parts.append(data)
-        self._offsets.append(self.length)
         self._times.append(host_ns)
         self.length += len(data)
 
     def drain(self) -> Iterator[Buffer]:
         """Yield the Buffer, if it holds anything."""
         if self._parts or self._event:
+            lengths = np.fromiter(map(len, self._parts), np.int64, self.reads)
             yield Buffer(
                 b"".join(self._parts),
-                np.array(self._offsets, np.int64),
+                np.cumsum(lengths) - lengths,
                 np.array(self._times, np.int64),
                 self._event,
                 self._event_ns,

@@ -25,8 +25,7 @@ import numpy as np
 from figures import Figure, written
 from long_recording import make
 
-from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise
-from allanscope.analysis import rows as row_tools
+from allanscope.analysis import Analyser, AnalyserSettings, StreamState, row_buffer, summarise
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.analyse_file import FULL_BUFFERED, FULL_ROWS
 from allanscope.pipeline.replaying import feed_analyser
@@ -76,7 +75,7 @@ def stages(path: Path) -> dict[str, float]:
 
 def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
-    row_tools.BackgroundTask().do(row_tools.WORTH_IT, lambda: None)  # threads are there
+    row_buffer.BackgroundTask().do(row_buffer.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, buffered_rows=FULL_BUFFERED))
     marks = [(time.process_time(), time.monotonic())]

@@ -16,6 +16,7 @@ from allanscope.explain.loop import _view as axis_view
 from allanscope.explain.moves.resolve_tones import _is_tail
 from allanscope.explain.series import series_of
 from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
+from allanscope.history import Record
 from support.thinned import RATE, thinned
 
 
@@ -109,3 +110,25 @@ def test_loud_tones_that_beat_are_on_two_sides_too_but_hops_have_another_spectru
         found = telegraph(view, 0.2, 0.0625)
         assert found is not None
         assert (found.effect.adequate(view, found) is not None) == is_one
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.05, 0.6])
+def test_a_line_at_nyquist_has_the_amplitude_of_its_samples(turns):
+    # The two converters of an interleaved pair differ: the sign alternates from sample to sample.
+    n, rate, size = 60_000, 100.0, 0.01
+    k = np.arange(n)
+    spur = size * (-1.0) ** k * np.cos(2 * np.pi * turns * k / n)
+    samples = np.random.default_rng(8).normal(0, 0.04, n) + spur
+    record = Record(
+        rate_hz=rate, stride=1, axes=("gx",), values=samples[:, np.newaxis], lsb=(1e-7,),
+        temperature_c=np.full(n, np.nan), start_s=k / rate, segments=np.array([[0, n]]),
+    )  # fmt: skip
+    view = axis_view(series_of(record), "gx", None)
+    found = max(Sinusoid.propose(view), key=lambda c: c.gain)
+    error = found.effect.amplitude.error
+    assert found.effect.amplitude.value == pytest.approx(size, abs=max(4 * error, 0.1 * size))
+    assert error < 0.1 * size
+    assert found.effect.frequency.value == pytest.approx(50.0, abs=1 / (n / rate))
+    left = samples - found.signal
+    assert np.var(left) == pytest.approx(0.04**2, rel=0.02)
+    assert found.effect.hold_out(view, found).nats > 0.5 * found.gain

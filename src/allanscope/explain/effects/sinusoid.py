@@ -46,6 +46,10 @@ _FEWEST_CYCLES = 3.0
 """Of fewer waves, nothing tells a line from a drift."""
 _SLOW_CYCLES = 40.0
 """Below this many cycles per record the level around a line must come from the model."""
+_AT_NYQUIST = 0.25
+"""Distance from the Nyquist frequency, times the length of the record, below which a line is at it:
+cosine and sine are then nearly the same samples of alternating sign, and no phase is known. At
+this distance their correlation is 2 / pi."""
 _PROPOSALS = 3
 """Highest peaks that are fitted in full."""
 _MARGIN = 8
@@ -224,6 +228,9 @@ def _at(view: View, frequency: float) -> Candidate:
         gain, amplitudes = fit.gain, fit.amplitude
         error = float(np.sqrt(np.trace(fit.covariance) / 2))
     else:
+        frequency = min(frequency, rate - frequency)
+        if rate / 2 - frequency < _AT_NYQUIST / duration:
+            frequency = rate / 2
         pair = _pair(view, frequency)
         normal = pair @ pair.T
         amplitudes = np.linalg.solve(normal, pair @ (view.data - view.data.mean()))
@@ -231,8 +238,8 @@ def _at(view: View, frequency: float) -> Candidate:
             _local_level(view, frequency), float(view.spectrum.at(np.array([frequency]))[0])
         )
         gain = float(amplitudes @ normal @ amplitudes / (2 * level))
-        error = float(np.sqrt(2 * level / n))
-    amplitude = _unbiased(float(np.hypot(*amplitudes)), error)
+        error = float(np.sqrt(level * np.trace(np.linalg.inv(normal)) / len(pair)))
+    amplitude = _unbiased(float(np.linalg.norm(amplitudes)), error)
     sd_frequency = np.sqrt(3.0) * error / (np.pi * amplitude * duration)
     effect = Sinusoid(
         Estimate.of(frequency, sd_frequency, "Hz"),
@@ -352,6 +359,10 @@ def _slow_pair(grid: Grid, frequency: float) -> Array:
 
 
 def _pair(view: View, frequency: float) -> Array:
+    """Return cosine and sine of a frequency, shape (2, n); at Nyquist the cosine alone, (1, n)."""
+    if 2 * frequency == view.grid.rate_hz:
+        alternating = np.where(np.arange(view.grid.n) % 2, -1.0, 1.0)
+        return np.asarray(alternating - alternating.mean())[np.newaxis]
     wave = _wave(view.grid.n, 2 * np.pi * frequency / view.grid.rate_hz)
     pair = np.vstack([wave.real, wave.imag])
     return np.asarray(pair - pair.mean(axis=1, keepdims=True))

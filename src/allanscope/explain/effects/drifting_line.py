@@ -7,7 +7,8 @@ few numbers describes; in time it is a tone
 .. math:: x(t) = \mathrm{Re}\, a(t) e^{2 \pi i f_0 t}
 
 whose complex amplitude a is smooth over a block of a quarter of the reciprocal width of the
-cluster. That is also how it is judged: the amplitude in each block is predicted from its two
+cluster, and of a twentieth of the longest stretch where it is there in a part of the record only (a
+compressor that is switched on and off). That is also how it is judged: the amplitude in each block is predicted from its two
 neighbours, which must hold power in the block, and what the prediction gains there over noise of
 the same power, or over a constant line where that does better, is the held-out gain.
 In the model it is a component with the measured distribution of its power (`LineProfile`).
@@ -30,6 +31,7 @@ from scipy.fft import idct
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.presence import Presence, presence_of
 from allanscope.explain.stationarity import demodulate
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
@@ -69,7 +71,14 @@ _PARTS = 10
 
 @dataclass(frozen=True)
 class DriftingLine(EffectKind):
-    """A tone whose amplitude, phase or frequency changes."""
+    """A tone whose amplitude, phase or frequency changes.
+
+    Attributes
+    ----------
+    share_of_time, present : float, tuple of (float, float)
+        Share of the record, and from and until when in s, where it is there in a part of it only;
+        None where it is there all along.
+    """
 
     frequency: Estimate
     bandwidth: Estimate
@@ -78,6 +87,8 @@ class DriftingLine(EffectKind):
     frequency_last: float
     amplitude_least: float
     amplitude_most: float
+    share_of_time: float | None = None
+    present: tuple[tuple[float, float], ...] | None = None
 
     kind = "drifting_line"
     meaning = "a tone whose amplitude, phase or frequency changes slowly"
@@ -97,6 +108,13 @@ class DriftingLine(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
+        if self.present is not None and self.share_of_time is not None:
+            when = Presence(self.share_of_time, self.present)
+            then = self.sigma.value / np.sqrt(self.share_of_time)
+            return (
+                f"a line around {self.frequency.value:.5g} Hz {when.words}; its rms amplitude is "
+                f"{then:.3g} {self.sigma.unit} then, {self.sigma.value:.3g} over the record"
+            )
         return (
             f"a line around {self.frequency.value:.5g} Hz drifts within "
             f"{self.bandwidth.value:.3g} Hz; its rms amplitude is {self.sigma.text} ("
@@ -233,7 +251,8 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     width = max(float(ends[1] - ends[0]), 2 * unit)
     if width > _WIDEST * centre:
         return None
-    held = _predicted(view, centre, width)
+    there = presence_of(view, profile.low, profile.high)
+    held = _predicted(view, centre, width, there)
     if held is None or held.nats <= held.error or not _stands_out(view, cluster):
         return None
     independent = max(1.0, width * view.series.duration_s)
@@ -243,6 +262,8 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
         _bandwidth(f, weight, noise, unit),
         Estimate.of_log(profile.sigma, error, view.unit),
         *moving,
+        share_of_time=there.share if there else None,
+        present=there.spans if there else None,
     )
     return Candidate(
         effect,
@@ -310,18 +331,27 @@ def _around(view: View, centre: float, reach: float) -> Array:
     return np.asarray(idct(np.concatenate([[0.0], kept]), norm="ortho"))
 
 
-def _predicted(view: View, centre: float, width: float) -> HeldOut | None:
+def _predicted(
+    view: View, centre: float, width: float, there: Presence | None
+) -> HeldOut | None:
     """Predict the amplitude in each block from its neighbours; None where that explains nothing."""
     n, rate = view.grid.n, view.grid.rate_hz
-    length = int(max(_BLOCK / width, 2 / centre) * rate)
+    smooth_s = _BLOCK / width
+    if there is not None:
+        smooth_s = min(smooth_s, there.longest_s / (2 * _PARTS))
+    length = int(max(smooth_s, 2 / centre) * rate)
     blocks = n // length
     if blocks < 2 * _PARTS:
         blocks, length = 2 * _PARTS, n // (2 * _PARTS)
     if length < 4:
         return None
     amplitude = demodulate(_around(view, centre, 4 * rate / length), rate, centre, blocks)
-    neighbours = (amplitude[:-2] + amplitude[2:]) / 2
-    middle = amplitude[1:-1]
+    near = np.ones(blocks - 2, bool)
+    if there is not None:  # elsewhere a prediction only adds noise
+        time = view.series.start_s + (np.arange(1, blocks - 1) + 0.5) * length / rate
+        near = there.surroundings(time)
+    neighbours = ((amplitude[:-2] + amplitude[2:]) / 2)[near]
+    middle = amplitude[1:-1][near]
     shrunk = float(np.real(np.vdot(neighbours, middle)) / np.vdot(neighbours, neighbours).real)
     left = middle - max(shrunk, 0.0) * neighbours
     noise = float(view.spectrum.at(np.array([centre]))[0])
@@ -330,7 +360,7 @@ def _predicted(view: View, centre: float, width: float) -> HeldOut | None:
     if seen.sum() <= _SURELY * np.sqrt(len(seen)) * seen.std():
         return None
     predicted = _logliks(left, floor)
-    rivals = [_logliks(middle, floor), _logliks(middle - amplitude.mean(), floor)]
+    rivals = [_logliks(middle, floor), _logliks(middle - middle.mean(), floor)]
     gained = predicted - max(rivals, key=lambda one: float(one.sum()))
     return HeldOut(
         nats=float(gained.sum()),

@@ -20,6 +20,7 @@ from scipy.special import eval_legendre
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.presence import presence_of
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
 from allanscope.explain.stationarity import bartlett_z_of, reach_of
@@ -267,6 +268,7 @@ def tone_without_name(
         f"power between {_range(profile.low, profile.high)} Hz changes in frequency or "
         f"amplitude; its rms is {'' if known else 'below '}{measured(size, unit=view.unit)}"
     )
+    words += _when(view, profile.low, profile.high)
     band = (profile.low, profile.high)
     return left_over(view, band, searched.gain, words, searched.log_alternatives)
 
@@ -402,7 +404,14 @@ def _misfit(
     power = float((view.squares - view.spectrum.ordinates)[inside].sum()) / view.grid.n
     if power > 0:
         words += f"; its rms is {measured(float(np.sqrt(power)), unit=view.unit)}"
+        words += _when(view, *band)
     return left_over(view, band, gain, words, searched, z=z, excess=more)
+
+
+def _when(view: View, low: float, high: float) -> str:
+    """Return when the power of a range is there, empty where it is all along."""
+    there = presence_of(view, low, high)
+    return f", {there.words}" if there else ""
 
 
 def with_misfits_joined(view: View) -> View:

@@ -1,0 +1,67 @@
+"""What is there in a part of the record only, is said to be: a compressor, people who walk by."""
+
+import numpy as np
+import pytest
+
+from allanscope.explain import explain
+from allanscope.explain.loop import _view as axis_view
+from allanscope.explain.presence import presence_of
+from allanscope.explain.series import series_of
+from allanscope.history import Record
+
+RATE, N = 100.0, 60_000
+T = np.arange(N) / RATE
+
+
+def record_of(samples: np.ndarray) -> Record:
+    return Record(
+        rate_hz=RATE, stride=1, axes=("gx",), values=samples[:, np.newaxis], lsb=(1e-7,),
+        temperature_c=np.full(N, np.nan), start_s=T, segments=np.array([[0, N]]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "seconds"), [(0.02, 30.0), (0.006, 120.0), (0.02, 120.0), (0.05, 30.0)]
+)
+def test_a_tone_that_is_switched_on_for_a_while_is_a_line_with_its_time(amplitude, seconds):
+    """It had no name, while one that wanders over half a hertz beside had one."""
+    on = (T > 210) & (T < 210 + seconds)
+    tone = amplitude * on * np.sin(2 * np.pi * 12.3 * T)
+    samples = np.random.default_rng(3).normal(0, 0.04, N) + tone
+    (found,) = explain(record_of(samples)).axes["gx"].effects
+    assert found.kind == "drifting_line"
+    assert found.parameters["frequency"].value == pytest.approx(12.3, abs=0.02)
+    spans = found.evidence["present"]
+    within = max(0.1 * seconds, 10.0)
+    assert spans[0][0] == pytest.approx(210.0, abs=within)
+    assert spans[-1][1] == pytest.approx(210.0 + seconds, abs=within)
+    then = found.parameters["sigma"].value / np.sqrt(found.evidence["share_of_time"])
+    assert then == pytest.approx(amplitude / np.sqrt(2), rel=0.2)
+    assert "s to" in found.evidence["words"]
+
+
+def test_what_has_no_name_is_told_with_its_time_where_it_is_loud_for_a_while():
+    rng = np.random.default_rng(5)
+    walks = sum(((T > s) & (T < s + 15)).astype(float) for s in (100, 420))
+    ring = np.convolve(rng.normal(size=N), np.sinc(np.arange(-40, 41) / 8) * np.hanning(81), "same")
+    ring *= 0.1 * walks * np.sin(2 * np.pi * 15 * T)
+    samples = rng.normal(0, 0.04, N) + ring
+    view = axis_view(series_of(record_of(samples)), "gx", None)
+    there = presence_of(view, 10.0, 20.0)
+    assert there.share == pytest.approx(0.05, abs=0.015)
+    assert [round(first, -1) for first, _ in there.spans] == [100, 420]
+    assert [round(last, -1) for _, last in there.spans] == pytest.approx([115, 435], abs=6)
+    words = " ".join(
+        one.evidence["words"] for one in explain(record_of(samples)).axes["gx"].effects
+    )
+    assert "% of the record" in words or "shock" in words or "white noise is" in words
+
+
+def test_noise_in_a_band_and_a_steady_line_are_there_all_along():
+    rng = np.random.default_rng(6)
+    steady = rng.normal(0, 0.04, N) + 0.02 * np.sin(2 * np.pi * 12.3 * T)
+    slow = np.repeat(rng.normal(0, 0.03, (2, N // 1000)), 1000, axis=1)  # 10 s
+    band = rng.normal(0, 0.04, N) + slow[0] * np.cos(80 * T) + slow[1] * np.sin(80 * T)
+    for samples, low, high in ((steady, 12.2, 12.4), (band, 12.5, 13.0)):
+        view = axis_view(series_of(record_of(samples)), "gx", None)
+        assert presence_of(view, low, high) is None

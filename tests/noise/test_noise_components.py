@@ -41,6 +41,7 @@ EXAMPLES = [
     AngleQuantization(0.01),
     FlickerPhase(0.02),
     Rounding(0.5),
+    Rounding(0.5, (0.4, 0.24, 0.1)),
     Floor(0.3),
     GaussMarkov(0.5, 0.3),
     GaussMarkov(0.5, 300.0),

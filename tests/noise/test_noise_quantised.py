@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from scipy.signal import lfilter
+
 from allanscope.noise import find_step, fit_array, resolution_advice
-from allanscope.noise.quantised import on_lattice
+from allanscope.noise.components import Rounding
+from allanscope.noise.quantised import on_lattice, rounding_correlation
 
 
 def rounded(sigma, mean, n=20_000, seed=1):
@@ -90,3 +93,41 @@ def test_rounded_decimals_in_a_text_still_lie_on_the_lattice():
 def test_the_step_of_numbers_printed_with_few_digits_is_found_to_a_thousandth(step, digits):
     values = np.round(step * rounded(3.0, 0.2), digits)
     assert find_step(values) == pytest.approx(step, rel=2e-3)
+
+
+def slow(sigma, corner, n=200_000, rate=100.0, seed=2):
+    """Return one-pole noise in steps of 1 before rounding, and its density at 0 Hz as N."""
+    pole = np.exp(-2 * np.pi * corner / rate)
+    values = lfilter([1 - pole], [1, -pole], np.random.default_rng(seed).standard_normal(n))
+    size = sigma / np.sqrt((1 - pole) / (1 + pole))
+    return size * values + 0.3, size / np.sqrt(rate)
+
+
+@pytest.mark.parametrize(("sigma", "corner"), [(0.5, 1.6), (0.6, 0.5), (1.0, 0.5), (0.6, 3.0)])
+def test_the_errors_of_slow_noise_follow_each_other_as_the_equation_says(sigma, corner):
+    values, _ = slow(sigma, corner)
+    error = np.round(values) - values
+    seen = [np.mean(error[k:] * error[:-k]) * 12 for k in (1, 2, 3)]
+    found = rounding_correlation(np.round(values), 1.0)
+    assert [*found, 0.0, 0.0][:3] == pytest.approx(seen, abs=0.02)
+    # 2 % of chi-squares in bands of some thousand ordinates.
+    power = 2 * np.abs(np.fft.rfft(error))[1:-1] ** 2 / len(error) / 100.0
+    expected = Rounding(1.0, found).density(np.arange(1, len(power) + 1) * 100 / len(error), 0.01)
+    bands = [part.mean() for part in np.array_split(power / expected, 20)]
+    assert bands == pytest.approx(np.ones(20), abs=0.06)
+
+
+def test_errors_are_white_where_samples_change_by_half_a_step():
+    assert rounding_correlation(rounded(0.5, 0.2), 1.0) == ()
+    assert rounding_correlation(np.round(slow(4.0, 3.0)[0]), 1.0) == ()
+    assert rounding_correlation(np.zeros(10), 1.0) == rounding_correlation([1.0], 0.0) == ()
+
+
+def test_rounding_of_slow_noise_is_not_taken_for_noise_of_the_sensor():
+    """It was white in the model: the least of the density went below it, and N with it."""
+    values, _ = slow(0.6, 3.0, n=60_000)
+    fit = fit_array(np.round(values), 100.0, lsb=1.0)
+    (part,) = (c for c in fit.model if isinstance(c, Rounding))
+    assert part.correlation
+    assert not fit.step_limited
+    assert fit_array(rounded(0.3, 0.2), 100.0, lsb=1.0).step_limited

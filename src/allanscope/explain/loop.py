@@ -36,6 +36,7 @@ from allanscope.noise.components import AngleQuantization
 from allanscope.noise.filters import HighPass
 from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
+from allanscope.noise.quantised import rounding_correlation
 from allanscope.quantities import duration, measured
 from allanscope.spectrum import Density
 from allanscope.worker_process import WorkerError, WorkerProcess
@@ -263,10 +264,11 @@ def _view(series: Series, axis: str, clock: Clock | None, step: float | None = N
     """Return an axis of which nothing is known but perhaps the step of its values."""
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
+    measured = samples[~series.bridged]  # filling lies on no lattice
     if step is None:
-        measured = samples[~series.bridged]  # filling lies on no lattice
         step = step_of(measured * series.stride, series.lsb[column])  # of the sums behind the means
-    return View(series, series.grid, axis, samples, step, clock=clock)
+    rounding = rounding_correlation(measured, step) if series.stride == 1 else ()
+    return View(series, series.grid, axis, samples, step, rounding, clock=clock)
 
 
 def _clock(

@@ -69,6 +69,8 @@ class View:
         Frequencies in Hz that they leave out of the fit.
     step : float
         Distance of the values that occur (the LSB, or what a sender's rounding made of it).
+    rounding : tuple of float
+        Correlation of the rounding errors of samples 1, 2, ... apart; empty where they are white.
     stopped : str
         Why the search ended before it was done; empty when it was.
     path : tuple of SearchStep
@@ -80,6 +82,7 @@ class View:
     axis: str
     data: Array
     step: float
+    rounding: tuple[float, ...] = ()
     accepted: tuple[Candidate, ...] = ()
     parts: tuple[Part, ...] = ()
     excluded: Ranges = ()
@@ -135,7 +138,7 @@ class View:
         """The noise that is fitted: textbook, rounding, and the parts accepted so far."""
         floor = self.fitted_floor
         step = float(np.sqrt(12 * floor * self.grid.stride))
-        rounding = (Rounding(step),) if step > 0 else ()
+        rounding = (Rounding(step, self.rounding),) if step > 0 else ()
         return NoiseModel((*self.base, *rounding), self.grid.dt).plus(*self.parts)
 
     @once
@@ -150,7 +153,12 @@ class View:
         if any(part.fraction > _HELD for part in held):
             return 0.0
         kept = self.grid.counts(self.excluded)  # a bin that is left out has no power
-        lowest = float(self.power[kept > _MANY].min(initial=np.inf))
+        power = self.power
+        if self.rounding:
+            unit = Rounding(1.0, self.rounding)
+            shape = 12 * unit.spectrum(self.grid.centre, self.grid.dt, self.grid.stride)
+            power = power / np.maximum(shape, _NOTHING)
+        lowest = float(power[kept > _MANY].min(initial=np.inf))
         return self.floor if lowest > _TRUSTED * self.floor else 0.98 * lowest
 
     @once

@@ -32,7 +32,12 @@ from allanscope.noise.grid import Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.part import Part as PartOfModel
-from allanscope.noise.quantised import LIMIT, on_lattice, resolution_advice
+from allanscope.noise.quantised import (
+    LIMIT,
+    on_lattice,
+    resolution_advice,
+    rounding_correlation,
+)
 from allanscope.noise.remainder import with_remainder
 from allanscope.noise.selection import select, textbook
 from allanscope.noise.whiteness import Bands, whitened
@@ -182,7 +187,9 @@ def fit_noise(
     _refuse_constant(values)
     lsb = record.lsb[column]
     measured = values if record.filled is None else values[~record.filled]
-    lattice = lsb if on_lattice(measured * record.stride, lsb) else None
+    lattice = _rounding_of(measured * record.stride, lsb)
+    if lattice and record.stride > 1:
+        lattice = Rounding(lsb)  # these are sums, of which the correlation is not known
     if known is not None and known.signal is not None:
         values = values - known.signal
     record = bridge_gaps(replace(record, axes=(axis,), values=values[:, np.newaxis], lsb=(lsb,)))
@@ -197,7 +204,7 @@ def fit_noise(
         dt=row_s / record.stride,
         duration=len(values) * row_s,
         unit=unit_of(axis),
-        lsb=lattice,
+        rounding=lattice,
         cutoffs=part.cutoffs_hz(axis, record.stride * record.rate_hz) if part else (),
         known=known,
     )
@@ -248,9 +255,16 @@ def fit_array(
         dt=1 / rate,
         duration=len(samples) / rate,
         unit=unit,
-        lsb=lsb if lsb and on_lattice(samples, lsb) else None,
+        rounding=_rounding_of(samples, lsb),
         cutoffs=part.cutoffs_hz("ax" if unit == "g" else "gx", rate) if part else (),
     )
+
+
+def _rounding_of(samples: Array, lsb: float | None) -> Rounding | None:
+    """Return the rounding of samples; None where they are on no lattice."""
+    if not (lsb and on_lattice(samples, lsb)):
+        return None
+    return Rounding(lsb, rounding_correlation(samples, lsb))
 
 
 def _refuse_constant(values: NDArray[np.float64]) -> None:
@@ -265,7 +279,7 @@ def _fit(
     dt: float,
     duration: float,
     unit: str,
-    lsb: float | None,
+    rounding: Rounding | None,
     cutoffs: tuple[float, ...],
     known: Known | None = None,
 ) -> NoiseFit:
@@ -276,7 +290,8 @@ def _fit(
     if not np.any(likelihood.power > 0):
         raise ValueError("the axis is constant: there is no noise to fit")
     parts = known.parts if known is not None else ()
-    rounded = lsb if lsb and _carries_rounding(likelihood, lsb) and not _held(parts) else None
+    carries = rounding and _carries_rounding(likelihood, rounding, dt) and not _held(parts)
+    rounded = rounding if carries else None
     fit = likelihood.amplitudes(textbook(dt, rounded).plus(*parts))
     # A drift that was subtracted has taken a ramp with it, and leaves one in its tails alone.
     drifted = known is not None and any(low <= 0.0 for low, _ in known.excluded)
@@ -293,7 +308,9 @@ def _fit(
         **{name: estimates.coefficient(name) for name in "NBK"},
         "R": ramp_coefficient(drift, ramp, duration, unit),
     }
-    limited = lsb is not None and _short_term(fit, dt) < LIMIT * lsb
+    lsb = rounding.lsb if rounding else 0.0
+    limited = rounding is not None and not rounding.correlation
+    limited = limited and _short_term(fit, dt) < LIMIT * lsb
     slope = drift.slope if drift is not None and ramp else 0.0
     evidence = fit.likelihood.evidence
     return NoiseFit(
@@ -301,12 +318,12 @@ def _fit(
         model=fit.model.plus(*((Ramp(abs(slope)),) if slope else ())),
         slope=slope,
         band_limit=estimates.coefficient("cutoff") if fit.index("cutoff") is not None else None,
-        rounding=rounded * float(np.sqrt(dt / 12)) if rounded else 0.0,
+        rounding=rounded.lsb * float(np.sqrt(dt / 12)) if rounded else 0.0,
         evidence=evidence,
         fit=fit,
         bands=whitened(evidence, fit.expected),
         step_limited=limited,
-        remarks=_remarks(coefficients, fit, resolution_advice(unit, lsb or 0.0) if limited else ""),
+        remarks=_remarks(coefficients, fit, resolution_advice(unit, lsb) if limited else ""),
     )
 
 
@@ -332,9 +349,9 @@ def _held(parts: tuple[PartOfModel, ...]) -> bool:
     return any(part.fraction > _OFTEN for part in held)
 
 
-def _carries_rounding(likelihood: Likelihood, lsb: float) -> bool:
+def _carries_rounding(likelihood: Likelihood, rounding: Rounding, dt: float) -> bool:
     """Whether there is as much noise everywhere as rounding makes: less, and it was not rounded."""
-    bands = whitened(likelihood.evidence, likelihood.expected(NoiseModel((Rounding(lsb),), 1.0)))
+    bands = whitened(likelihood.evidence, likelihood.expected(NoiseModel((rounding,), dt)))
     sure = bands.dof > _SURE
     return bool(np.all(bands.ratio[sure] > 1 - 4 * np.sqrt(2 / bands.dof[sure])))
 

@@ -98,10 +98,10 @@ def calibrated_penalty(kind: str) -> float:
     return float(table[kind]["penalty"])
 
 
-def textbook(dt: float, lsb: float | None) -> NoiseModel:
-    """Return N, B and K of unit size, and the rounding where there is an LSB."""
-    rounding = (Rounding(lsb),) if lsb else ()
-    return NoiseModel((White(1.0), Flicker(1.0), RandomWalk(1.0), *rounding), dt)
+def textbook(dt: float, rounding: Rounding | None) -> NoiseModel:
+    """Return N, B and K of unit size, and the rounding where there is any."""
+    known = (rounding,) if rounding else ()
+    return NoiseModel((White(1.0), Flicker(1.0), RandomWalk(1.0), *known), dt)
 
 
 def select(fit: Fit, cutoffs: Iterable[float]) -> Fit:

@@ -139,13 +139,15 @@ class RandomTelegraph(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Refuse hops between neighbouring values every few rows: they are the converter's codes.
 
-        Noise behind a low-pass that hardly leaves two codes stays on each for some rows. And what
+        Noise behind a low-pass that hardly leaves two codes stays on each for some rows, and slow
+        noise for more, where rounding errors follow each other. And what
         has not the spectrum of hops: a loud tone is on two sides too, longer or shorter as it
         moves.
         """
         codes = 2 * self.amplitude.value / view.step if view.step > 0 else 0.0
         rows = self.dwell.value * view.grid.rate_hz
-        is_code = 1 / _ONE_CODE < codes < _ONE_CODE and rows < _FEW_ROWS
+        is_slow = rows >= _FEW_ROWS and not view.rounding
+        is_code = 1 / _ONE_CODE < codes < _ONE_CODE and not is_slow
         return None if is_code or not removes(view, candidate) else candidate
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
@@ -246,6 +248,7 @@ def _stretch(view: View, rows: int) -> View:
         view.axis,
         view.data[:rows],
         view.step,
+        view.rounding,
         parts=view.parts,
         excluded=view.excluded,
         base=view.base,

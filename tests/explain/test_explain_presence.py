@@ -10,13 +10,13 @@ from allanscope.explain.series import series_of
 from allanscope.history import Record
 
 RATE, N = 100.0, 60_000
-T = np.arange(N) / RATE
+times = np.arange(N) / RATE
 
 
 def record_of(samples: np.ndarray) -> Record:
     return Record(
         rate_hz=RATE, stride=1, axes=("gx",), values=samples[:, np.newaxis], lsb=(1e-7,),
-        temperature_c=np.full(N, np.nan), start_s=T, segments=np.array([[0, N]]),
+        temperature_c=np.full(N, np.nan), start_s=times, segments=np.array([[0, N]]),
     )  # fmt: skip
 
 
@@ -25,8 +25,8 @@ def record_of(samples: np.ndarray) -> Record:
 )
 def test_a_tone_that_is_switched_on_for_a_while_is_a_line_with_its_time(amplitude, seconds):
     """It had no name, while one that wanders over half a hertz beside had one."""
-    on = (T > 210) & (T < 210 + seconds)
-    tone = amplitude * on * np.sin(2 * np.pi * 12.3 * T)
+    on = (times > 210) & (times < 210 + seconds)
+    tone = amplitude * on * np.sin(2 * np.pi * 12.3 * times)
     samples = np.random.default_rng(3).normal(0, 0.04, N) + tone
     (found,) = explain(record_of(samples)).axes["gx"].effects
     assert found.kind == "drifting_line"
@@ -42,9 +42,9 @@ def test_a_tone_that_is_switched_on_for_a_while_is_a_line_with_its_time(amplitud
 
 def test_what_has_no_name_is_told_with_its_time_where_it_is_loud_for_a_while():
     rng = np.random.default_rng(5)
-    walks = sum(((T > s) & (T < s + 15)).astype(float) for s in (100, 420))
+    walks = sum(((times > s) & (times < s + 15)).astype(float) for s in (100, 420))
     ring = np.convolve(rng.normal(size=N), np.sinc(np.arange(-40, 41) / 8) * np.hanning(81), "same")
-    ring *= 0.1 * walks * np.sin(2 * np.pi * 15 * T)
+    ring *= 0.1 * walks * np.sin(2 * np.pi * 15 * times)
     samples = rng.normal(0, 0.04, N) + ring
     view = axis_view(series_of(record_of(samples)), "gx", None)
     there = presence_of(view, 10.0, 20.0)
@@ -59,9 +59,17 @@ def test_what_has_no_name_is_told_with_its_time_where_it_is_loud_for_a_while():
 
 def test_noise_in_a_band_and_a_steady_line_are_there_all_along():
     rng = np.random.default_rng(6)
-    steady = rng.normal(0, 0.04, N) + 0.02 * np.sin(2 * np.pi * 12.3 * T)
+    steady = rng.normal(0, 0.04, N) + 0.02 * np.sin(2 * np.pi * 12.3 * times)
     slow = np.repeat(rng.normal(0, 0.03, (2, N // 1000)), 1000, axis=1)  # 10 s
-    band = rng.normal(0, 0.04, N) + slow[0] * np.cos(80 * T) + slow[1] * np.sin(80 * T)
+    band = rng.normal(0, 0.04, N) + slow[0] * np.cos(80 * times) + slow[1] * np.sin(80 * times)
     for samples, low, high in ((steady, 12.2, 12.4), (band, 12.5, 13.0)):
         view = axis_view(series_of(record_of(samples)), "gx", None)
         assert presence_of(view, low, high) is None
+
+
+def test_less_power_than_the_noise_has_is_nowhere():
+    samples = np.random.default_rng(7).normal(0, 0.04, N)
+    spectrum = np.fft.rfft(samples)
+    spectrum[6000:7000] *= 0.5  # 10 to 11.7 Hz
+    view = axis_view(series_of(record_of(np.fft.irfft(spectrum, N))), "gx", None)
+    assert presence_of(view, 10.2, 11.5) is None

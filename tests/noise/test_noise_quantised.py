@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from scipy.signal import lfilter
 
 from allanscope.noise import find_step, fit_array, resolution_advice

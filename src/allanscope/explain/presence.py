@@ -101,7 +101,7 @@ def presence_of(view: View, low: float, high: float) -> Presence | None:
         freedom = max(np.count_nonzero(inside) / parts, 1.0)
         excess = power - noise
         loud = excess > _STANDS_OUT * noise * np.sqrt(2 / freedom)
-        if excess[loud].sum() < _MOST * excess.sum():
+        if not loud.any() or excess[loud].sum() < _MOST * excess.sum():
             continue
         share = float(loud.mean())
         if share > _PARTLY:

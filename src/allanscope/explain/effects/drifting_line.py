@@ -7,10 +7,11 @@ few numbers describes; in time it is a tone
 .. math:: x(t) = \mathrm{Re}\, a(t) e^{2 \pi i f_0 t}
 
 whose complex amplitude a is smooth over a block of a quarter of the reciprocal width of the
-cluster, and of a twentieth of the longest stretch where it is there in a part of the record only (a
-compressor that is switched on and off). That is also how it is judged: the amplitude in each block is predicted from its two
-neighbours, which must hold power in the block, and what the prediction gains there over noise of
-the same power, or over a constant line where that does better, is the held-out gain.
+cluster, and of a twentieth of the longest stretch where it is there in a part of the record only
+(a compressor that is switched on and off). That is also how it is judged: the amplitude in each
+block is predicted from its two neighbours, which must hold power in the block, and what the
+prediction gains there over noise of the same power, or over a constant line where that does better,
+is the held-out gain.
 In the model it is a component with the measured distribution of its power (`LineProfile`).
 
 It is no `sinusoid`: that has one amplitude and phase all along. It is no `narrowband`: that is
@@ -331,9 +332,7 @@ def _around(view: View, centre: float, reach: float) -> Array:
     return np.asarray(idct(np.concatenate([[0.0], kept]), norm="ortho"))
 
 
-def _predicted(
-    view: View, centre: float, width: float, there: Presence | None
-) -> HeldOut | None:
+def _predicted(view: View, centre: float, width: float, there: Presence | None) -> HeldOut | None:
     """Predict the amplitude in each block from its neighbours; None where that explains nothing."""
     n, rate = view.grid.n, view.grid.rate_hz
     smooth_s = _BLOCK / width

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import ClassVar, Self
 
 import numpy as np
@@ -33,6 +33,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
+from allanscope.explain.running_level import running_level
 from allanscope.explain.stationarity import constancy
 from allanscope.explain.view import View
 from allanscope.noise.components import Sinusoid as Line
@@ -277,25 +278,6 @@ def _fast_lines(view: View) -> list[float]:
         found.append(float(frequency[best + lowest]))
         ratio[max(0, best - 12) : best + 12] = 0.0
     return found
-
-
-def running_level(power: Array, lowest: int, block: int = 512) -> Array:
-    """Local mean of a periodogram from medians over blocks, which a line does not move."""
-    tail = power[lowest:]
-    edges = np.unique(
-        np.concatenate(
-            [np.arange(0, min(len(tail), 16 * 64), 64), np.arange(16 * 64, len(tail), 2 * block)]
-        )
-    )
-    edges = (
-        np.append(edges[:-1], len(tail))
-        if len(tail) - edges[-1] < 64
-        else np.append(edges, len(tail))
-    )
-    medians = np.array([np.median(tail[a:b]) for a, b in pairwise(edges)])
-    centres = 0.5 * (edges[:-1] + edges[1:])
-    medians = np.maximum(medians, 1e-300) / np.log(2)
-    return np.asarray(np.exp(np.interp(np.arange(len(tail)), centres, np.log(medians))))
 
 
 def _slow_lines(view: View) -> list[float]:

@@ -13,7 +13,7 @@ from allanscope.noise.part import Array, Component
 
 __all__ = ["Rounding"]
 
-_FINE = 16
+_FINE = 64
 """Frequencies for each correlation that is known, between which the density is interpolated."""
 
 

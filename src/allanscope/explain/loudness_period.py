@@ -1,0 +1,68 @@
+r"""The period with which noise becomes louder: a radio that sends, a bus that is read, a display.
+
+Such bursts add the same power everywhere in the mean spectrum; what shows them is the spectrum of
+the squared innovations, in which they are lines at the reciprocal period and its multiples. Of
+noise that is as loud all along each ordinate of it is exponentially distributed, and a line gains
+its power over the level beside it in nats: bursts that come at random make that level higher, and
+no line. Squares are cut short, so that few loud samples are no comb.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
+
+from allanscope.explain.candidate import ALPHA
+from allanscope.explain.running_level import running_level
+
+__all__ = ["loudness_period"]
+
+_LOUDEST = 16.0
+"""Square of an innovation, over the mean, from which it counts no more."""
+_FEWEST_PERIODS = 20
+"""Of fewer bursts none is regular."""
+_FEWEST = 256
+"""Ordinates that tell the level beside a line."""
+_OF_THE_COMB = 0.3
+"""Gain over that of the strongest line from which a lower one may be the fundamental: a burst that
+lasts a tenth of the period or less has harmonics of nearly the same strength."""
+
+
+def loudness_period(innovations: NDArray[np.float64], rate_hz: float) -> float | None:
+    """Return the period in s with which the noise is louder, None where there is none.
+
+    Parameters
+    ----------
+    innovations : ndarray, shape (n,)
+        White noise of about unit variance.
+    rate_hz : float
+        Of them.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(1).standard_normal(60_000)
+    >>> loudness_period(noise, 100.0) is None
+    True
+    >>> bursts = np.arange(60_000) % 123 < 5
+    >>> round(loudness_period(noise * np.where(bursts, 3.0, 1.0), 100.0), 3)
+    1.23
+    """
+    squares = np.minimum(innovations**2, _LOUDEST * float(np.mean(innovations**2)))
+    squares -= squares.mean()
+    n, size = len(squares), next_fast_len(2 * len(squares), real=True)
+    power = np.abs(rfft(squares, size)) ** 2
+    lowest = int(_FEWEST_PERIODS * size / n)
+    if not squares.any() or len(power) < 2 * lowest + _FEWEST:
+        return None
+    gain = np.zeros(len(power))
+    gain[lowest:] = power[lowest:] / running_level(power, lowest)
+    strongest = float(gain.max(initial=0.0))
+    if strongest < np.log(n / ALPHA):
+        return None
+    first = int(np.argmax(gain > _OF_THE_COMB * strongest))
+    first += int(np.argmax(gain[first : first + size // n + 1]))
+    countable = gain[: first**2 // 4]  # which harmonic it is must be sure
+    last = int(np.flatnonzero(countable > _OF_THE_COMB * strongest)[-1])
+    last += int(np.argmax(gain[last - size // n : last + 1])) - size // n
+    return round(last / first) * size / (rate_hz * last)  # the highest harmonic knows it best

@@ -31,3 +31,15 @@ def test_slow_noise_that_is_rounded_keeps_its_n_and_its_low_pass(sigma, corner):
     n = result.fits["gx"].coefficients["N"]
     assert n.value == pytest.approx(size / RATE**0.5, rel=0.06)
     assert result.axes["gx"].after.chi2_per_dof < 3.0
+
+
+def test_a_step_that_printing_hides_is_said_to_be_too_coarse():
+    """1/16.4 dps printed to four decimals is on no lattice but that of the decimals."""
+    rng = np.random.default_rng(4)
+    values = np.round(np.round(rng.normal(0.3, 0.3, ROWS)) / 16.4, 4)
+    record = Record(
+        rate_hz=RATE, stride=1, axes=("gx",), values=values[:, np.newaxis], lsb=(1e-4,),
+        temperature_c=np.full(ROWS, np.nan), start_s=np.arange(ROWS) / RATE,
+        segments=np.array([[0, ROWS]]),
+    )  # fmt: skip
+    assert any("below half a step of 61" in r for r in explain(record).axes["gx"].remarks)

@@ -20,6 +20,7 @@ from allanscope.clock import RateFit
 from allanscope.explain.candidate import Candidate, HeldOut, effect_of
 from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError, failed
 from allanscope.explain.effects.clock_error import clock_error_of
+from allanscope.explain.effects.quantization import Quantization
 from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.gates import growth
 from allanscope.explain.highband import above_the_rows
@@ -36,7 +37,7 @@ from allanscope.noise.components import AngleQuantization
 from allanscope.noise.filters import HighPass
 from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
-from allanscope.noise.quantised import rounding_correlation
+from allanscope.noise.quantised import LEAST_NOISE, resolution_advice, rounding_correlation
 from allanscope.quantities import duration, measured
 from allanscope.spectrum import Density
 from allanscope.worker_process import WorkerError, WorkerProcess
@@ -338,6 +339,7 @@ def _explained(job: _Job, view: View) -> _Closed:
         shares=shares,
         remarks=observations(series, axis)
         + _missing(bare)
+        + _too_coarse(view, after)
         + ((view.stopped,) if view.stopped else ())
         + _grown(error_before, error_after)
         + _detection_limits(view),
@@ -441,6 +443,19 @@ def _limits(parameter: Parameter) -> tuple[float, float]:
     low = parameter.value if parameter.lower is None else parameter.lower
     high = parameter.value if parameter.upper is None else parameter.upper
     return min(low, parameter.value - room), max(high, parameter.value + room)
+
+
+def _too_coarse(view: View, fit: NoiseFit | None) -> tuple[str, ...]:
+    """Say so where a step that only the values give away hides the noise.
+
+    Numbers that were printed to some digits are on a finer lattice than the sensor's, by which the
+    fit does not see it.
+    """
+    coarse = (c.effect for c in view.accepted if isinstance(c.effect, Quantization))
+    hidden = any(one.noise_in_steps < LEAST_NOISE for one in coarse)
+    if not hidden or (fit is not None and fit.step_limited):
+        return ()
+    return (resolution_advice(view.unit, view.step),)
 
 
 def _missing(view: View) -> tuple[str, ...]:

@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, full_scale_of
 from allanscope.quantities import LEVEL
 
-__all__ = ["LIMIT", "find_step", "on_lattice", "resolution_advice", "rounding_correlation"]
+__all__ = [
+    "LEAST_NOISE",
+    "LIMIT",
+    "find_step",
+    "on_lattice",
+    "resolution_advice",
+    "rounding_correlation",
+]
 
 Array = NDArray[np.float64]
 
@@ -36,7 +43,7 @@ _PRINTED = 0.3
 """Distance from the lattice, in steps, that printing to few digits may leave."""
 _WHITE = 0.01
 """Correlation of neighbouring rounding errors below which they are white: as much of q^2/12."""
-_LEAST = 0.4
+LEAST_NOISE = 0.4
 """Noise in steps from which the equation of the correlation holds: where the mean lies between two
 codes then changes it by exp(-2 pi^2 0.16), 4 %, at most."""
 _MOST_LAGS = 1024
@@ -126,7 +133,7 @@ def rounding_correlation(values: ArrayLike, step: float) -> tuple[float, ...]:
         return np.asarray(np.interp(np.asarray(change) / step**2, rounded, known))
 
     variance = float(samples.var()) - step**2 / 12
-    if variance < (_LEAST * step) ** 2 or of(np.mean(np.diff(samples) ** 2)) < _WHITE:
+    if variance < (LEAST_NOISE * step) ** 2 or of(np.mean(np.diff(samples) ** 2)) < _WHITE:
         return ()
     found = []
     for lag in range(1, min(_MOST_LAGS, len(samples) // 2)):

@@ -73,3 +73,11 @@ def test_less_power_than_the_noise_has_is_nowhere():
     spectrum[6000:7000] *= 0.5  # 10 to 11.7 Hz
     view = axis_view(series_of(record_of(np.fft.irfft(spectrum, N))), "gx", None)
     assert presence_of(view, 10.2, 11.5) is None
+
+
+def test_no_part_is_shorter_than_two_waves():
+    samples = np.random.default_rng(8).normal(0, 0.04, N)
+    samples[30_000:30_020] += 0.5  # a knock of a fifth of a second
+    view = axis_view(series_of(record_of(samples)), "gx", None)
+    there = presence_of(view, 0.2, 0.3)
+    assert there is None or there.longest_s > 2 / 0.25

@@ -36,6 +36,8 @@ _PARTLY = 0.5
 """Share of the record up to which power is there in a part of it only: 90 % of what noise in a band
 makes, whose power in a part is exponentially distributed, come in 0.59 of the parts where a part is
 one coherence time, and in more of them where it is longer."""
+_FEWEST_WAVES = 2.0
+"""Of the middle of the range in a part: of fewer, the power depends on the phase."""
 _TOLD = 3
 """Most stretches that a sentence names."""
 
@@ -87,11 +89,11 @@ def presence_of(view: View, low: float, high: float) -> Presence | None:
     grid = view.grid
     length_s = grid.n / grid.rate_hz
     for parts in _PARTS:
-        if grid.n < 2 * parts:
-            continue
         reach = parts / length_s
+        if grid.n < 2 * parts or low + high < 2 * _FEWEST_WAVES * reach:
+            continue
         inside = np.abs(grid.frequency - (low + high) / 2) < (high - low) / 2 + reach
-        inside &= grid.frequency > reach  # of slower waves no part holds a whole one
+        inside &= grid.frequency > min(low, reach)  # what is slower is no part of it
         if not inside.any():
             continue
         wave = idct(np.concatenate([[0.0], view.ordinates * inside]), norm="ortho")

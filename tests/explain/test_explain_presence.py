@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain
+from allanscope.explain.effects.drifting_line import _predicted
 from allanscope.explain.loop import _view as axis_view
-from allanscope.explain.presence import presence_of
+from allanscope.explain.presence import Presence, presence_of
 from allanscope.explain.series import series_of
 from allanscope.history import Record
 
@@ -81,3 +82,10 @@ def test_no_part_is_shorter_than_two_waves():
     view = axis_view(series_of(record_of(samples)), "gx", None)
     there = presence_of(view, 0.2, 0.3)
     assert there is None or there.longest_s > 2 / 0.25
+
+
+def test_a_few_waves_are_too_few_for_a_line():
+    waves = 0.3 * ((times > 210) & (times < 214)) * np.sin(2 * np.pi * 2.1 * times)
+    samples = np.random.default_rng(9).normal(0, 0.04, N) + waves
+    view = axis_view(series_of(record_of(samples)), "gx", None)
+    assert _predicted(view, 2.1, 0.001, Presence(0.003, ((211.0, 213.0),))) is None

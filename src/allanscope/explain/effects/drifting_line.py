@@ -349,6 +349,8 @@ def _predicted(view: View, centre: float, width: float, there: Presence | None) 
     if there is not None:  # elsewhere a prediction only adds noise
         time = view.series.start_s + (np.arange(1, blocks - 1) + 0.5) * length / rate
         near = there.surroundings(time.astype(np.float64))
+        if np.count_nonzero(near) < _PARTS:  # a few waves: too few to be told from a knock
+            return None
     neighbours = ((amplitude[:-2] + amplitude[2:]) / 2)[near]
     middle = amplitude[1:-1][near]
     shrunk = float(np.real(np.vdot(neighbours, middle)) / np.vdot(neighbours, neighbours).real)

@@ -111,10 +111,10 @@ class DriftingLine(EffectKind):
         """What it is, in a phrase."""
         if self.present is not None and self.share_of_time is not None:
             when = Presence(self.share_of_time, self.present)
-            then = self.sigma.value / np.sqrt(self.share_of_time)
+            then = self.sigma.value / float(np.sqrt(self.share_of_time))
             return (
                 f"a line around {self.frequency.value:.5g} Hz {when.words}; its rms amplitude is "
-                f"{then:.3g} {self.sigma.unit} then, {self.sigma.value:.3g} over the record"
+                f"{measured(then, unit=self.sigma.unit)} then, {self.sigma.text} over the record"
             )
         return (
             f"a line around {self.frequency.value:.5g} Hz drifts within "

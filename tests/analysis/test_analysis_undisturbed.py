@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Undisturbed
-from allanscope.analysis.undisturbed import longest_stretch, times_of, undisturbed
+from allanscope.analysis.findings import event_times
+from allanscope.analysis.undisturbed import longest_stretch, undisturbed
 from allanscope.explain import Parameter, explain
 from allanscope.history import Record
 from allanscope.report import render
@@ -109,5 +110,6 @@ def test_what_the_search_found_at_a_time_disturbs_as_well() -> None:
         SimpleNamespace(parameters={k: Parameter(v, v, v, "s") for k, v in values.items()})
         for values in known.values()
     ]
-    assert times_of(effects) == [(20.0, 25.0), (60.0, 60.0), (70.0, 80.0)]
-    assert longest_stretch([], 100.0, times_of(effects)) == (25.0, 60.0)
+    times = [found for effect in effects if (found := event_times(effect))]
+    assert times == [(20.0, 25.0), (60.0,), (70.0, 80.0)]
+    assert longest_stretch([], 100.0, [(one[0], one[-1]) for one in times]) == (25.0, 60.0)

@@ -12,12 +12,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from allanscope.analysis.findings import event_times
 from allanscope.history import Record
 from allanscope.parts import Part
 from allanscope.watch import Event
 
 if TYPE_CHECKING:
-    from allanscope.explain import Effect, Explanation
+    from allanscope.explain import Explanation
     from allanscope.noise import Coefficient
 
 __all__ = ["Undisturbed", "longest_stretch", "undisturbed"]
@@ -42,19 +43,6 @@ class Undisturbed:
     begin_s: float
     end_s: float
     axes: Mapping[str, Mapping[str, Coefficient]]
-
-
-def times_of(effects: Iterable[Effect]) -> list[tuple[float, float]]:
-    """Return begin and end, in s, of each effect that has a time."""
-    times = []
-    for effect in effects:
-        known = {name: one.value for name, one in effect.parameters.items()}
-        if "time" in known:
-            begin_s = float(known["time"])
-            times.append((begin_s, begin_s + float(known.get("duration", 0.0))))
-        elif "start" in known and "stop" in known:
-            times.append((float(known["start"]), float(known["stop"])))
-    return times
 
 
 def longest_stretch(
@@ -121,8 +109,8 @@ def undisturbed(
         return None
     whole_s = float(record.start_s[-1]) + 1.0 / record.rate_hz
     searched = loop.axes if loop is not None else {}
-    effects = [effect for one in searched.values() for effect in one.effects]
-    begin_s, end_s = longest_stretch(events, whole_s, times_of(effects))
+    times = [event_times(effect) for one in searched.values() for effect in one.effects]
+    begin_s, end_s = longest_stretch(events, whole_s, [(t[0], t[-1]) for t in times if t])
     inside = record.between(begin_s, end_s)
     if end_s - begin_s > NEARLY_ALL * whole_s or len(inside.values) < FEWEST_ROWS:
         return None

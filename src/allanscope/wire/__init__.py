@@ -12,7 +12,7 @@ it counts in its `LinkStats`.
 
 ============================= ======================================================================
 ``native/``                   numbered frames with a CRC: losses to the sample, from the numbers
-``tmsg/`` ``datalog/``        stock ST firmware: losses from time stamps, counts from milli-units
+``tmsg/`` ``datalog``         stock ST firmware: losses from time stamps, counts from milli-units
 ``sdatalog/``                 ST's firmware of today: a conversation, and counts with time stamps
 ``text/``                     tables and labelled lines from anywhere
 ``rows`` ``row_events``       what those without numbers share: rows of values, and rows to events

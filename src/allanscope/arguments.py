@@ -594,13 +594,9 @@ def _compare_argument(one: _ActionsContainer) -> None:
     )
 
 
-def _figures_argument(one: _ActionsContainer) -> None:
-    one.add_argument("--figures", metavar="DIR", help="write every figure as SVG and PNG")
-
-
 def _report_arguments(one: ArgumentParser) -> None:
     group = one.add_argument_group("report")
-    _figures_argument(group)
+    group.add_argument("--figures", metavar="DIR", help="write every figure as SVG and PNG")
     group.add_argument("--title", default="", metavar="TEXT", help="title of the report")
     group.add_argument("--operator", default="", metavar="NAME", help="name of the operator")
     group.add_argument(

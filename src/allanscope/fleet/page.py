@@ -39,6 +39,7 @@ from allanscope.fleet.verdict import (
     findings,
     lot_verdict,
     run_remarks,
+    units_named,
 )
 from allanscope.labels import kind_name
 from allanscope.quantities import (
@@ -239,7 +240,7 @@ def _row(lot: Lot, axis: str, name: str, named: list[Finding]) -> dict[str, str]
     here = lot.detected(name)
     sigma = log_sigma(here[f"{name}_lower"], here[f"{name}_upper"])
     spread = spread_of(here[f"{name}_value"], sigma, here.units)
-    belongs = ~np.isin(lot.units, _named_in(named, axis, name))
+    belongs = ~np.isin(lot.units, units_named(named, axis, name))
     units = unit_estimates(lot.where(belongs), name)
     return {
         "axis": axis,
@@ -248,10 +249,6 @@ def _row(lot: Lot, axis: str, name: str, named: list[Finding]) -> dict[str, str]
         **_typical_cells(None if units is None else typical_of(units), reading),
         **_spread_cells(spread),
     }
-
-
-def _named_in(named: list[Finding], axis: str, name: str) -> list[str]:
-    return [one.unit for one in named if (one.axis, one.quantity) == (axis, name)]
 
 
 def _typical_cells(typical: Typical | None, reading: Reading) -> dict[str, str]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from allanscope.fleet.drift import LEAST, started_days
 from allanscope.fleet.lot import TAUS, Lot
-from allanscope.fleet.verdict import Finding
+from allanscope.fleet.verdict import Finding, units_named
 from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
 from allanscope.report import DATASHEET, MEASURED, MODEL, Picture, ink
 from allanscope.samples import unit_of
@@ -56,7 +56,7 @@ def distribution_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = 
                 if len(values):
                     where = at + _places(here, units)
                     _dots(ax, at, where, values)
-                    _names(ax, where, values, here, _named(named, axis, name))
+                    _names(ax, where, values, here, units_named(named, axis, name))
                 limit = lot.of_axis(axis)["datasheet_limit"]
                 if name == "N" and np.isfinite(limit).any():
                     two_sided = np.nanmedian(limit) / np.sqrt(2.0) * reading.factor
@@ -213,10 +213,6 @@ def _dots(ax: Axes, at: int, where: Floats, values: Floats) -> None:
     shown = ascending[np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)]
     ax.plot(where[shown], values[shown], "o", ms=2.5, alpha=0.6, c=MEASURED)
     ax.plot([at - 0.42, at + 0.42], [np.median(values)] * 2, c=MODEL, lw=1.6)
-
-
-def _named(named: Sequence[Finding], axis: str, quantity: str) -> list[str]:
-    return [one.unit for one in named if (one.axis, one.quantity) == (axis, quantity)]
 
 
 def _names(ax: Axes, where: Floats, values: Floats, lot: Lot, units: list[str]) -> None:

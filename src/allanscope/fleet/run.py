@@ -27,6 +27,7 @@ from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.store import Store
 from allanscope.fleet.work_queue import FleetResult, WorkQueue
 from allanscope.pipeline import DeviceSettings, read_limits, stopped_by_signals
+from allanscope.sanitize import complain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,7 +134,7 @@ def _process_queue(queue: WorkQueue, settings: FleetSettings, device: DeviceSett
         with progress(
             float(len(queue.todo)), "fleet", unit="recordings", quiet=settings.quiet
         ) as advance:
-            _dispatch(queue, WorkerPool(client, _print_error), device, advance, stopped)
+            _dispatch(queue, WorkerPool(client, complain), device, advance, stopped)
 
 
 def _dispatch(
@@ -229,10 +230,6 @@ def _outcome(future: Future, place: RecordingInput) -> Outcome:
         return Outcome(place.url, error=f"{place.url}: {' '.join(text.split())}")
     assert isinstance(outcome, Outcome)
     return outcome
-
-
-def _print_error(line: str) -> None:
-    print(f"allanscope: {line}", file=sys.stderr, flush=True)
 
 
 def _log(settings: FleetSettings, line: str) -> None:

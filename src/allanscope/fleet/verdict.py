@@ -36,6 +36,7 @@ __all__ = [
     "lot_verdict",
     "rates_of_units",
     "run_remarks",
+    "units_named",
 ]
 
 Values = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]
@@ -129,6 +130,11 @@ class Finding:
     axis: str
     reason: str
     quantity: str = ""
+
+
+def units_named(named: Sequence[Finding], axis: str, quantity: str) -> list[str]:
+    """Return the units that are named for a quantity of an axis."""
+    return [one.unit for one in named if (one.axis, one.quantity) == (axis, quantity)]
 
 
 def findings(lot: Lot) -> list[Finding]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
 from allanscope.allan.shard import ALIGNED
-from allanscope.fleet.partial import Partial, TailBuffer
+from allanscope.fleet.part_sums import PartSums, TailBuffer
 from allanscope.samples import Block, Event, Gap, Ticks
 from allanscope.spectrum import SpectrumBank
 
@@ -49,7 +49,7 @@ def in_parts(events: list[Event], bounds: list[int]) -> tuple[AllanBank, Spectru
     tail = TailBuffer(1)
     partials = []
     for first, stop in zip([0, *bounds], [*bounds, len(events)], strict=True):
-        partial = Partial(tail.anchor, tail.taken, tail.recent())
+        partial = PartSums(tail.anchor, tail.taken, tail.recent())
         for event in events[first:stop]:
             partial.feed(event)
         partial.finish(last=stop == len(events))

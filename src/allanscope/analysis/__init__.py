@@ -11,8 +11,22 @@
 
 Taking samples is cheap and never ends; `summarise` reads the sums without changing them, coarsely
 at each refresh (``live``) or with every estimator and the closed loop (``full``). `Analysis` is the
-result for all who show it: terminal, viewer, report and JSON. `verdict_lines`, `finding_phrases`
-and `wording` put it into the words that they share.
+result for all who show it: terminal, viewer, report and JSON.
+
+================================================ ===================================================
+``analyser`` ``row_buffer`` ``logger_padding``   rows on their way to the sums; the sums of a stream
+``summary`` ``result``                           from the sums to the result; the result as JSON
+``curves_across_gaps`` ``model_curves``          curves measured and fitted
+``coefficients`` ``readings`` ``undisturbed``    N, B, K: of the model, read off curves, where quiet
+``datasheet`` ``comparison``                     against the datasheet, and an earlier session
+``findings`` ``line_families``                   effects of all axes that are one disturbance
+``tracing``                                      where each finding comes from, by the next three
+``line_origin`` ``direction`` ``coherence``      source of a line, direction, what axes share
+``experiments``                                  which measurement would settle what is open
+``together`` ``shared_lines``                    boards on one bench
+``verdict_lines`` ``finding_phrases``            verdict and findings in words
+``remarks`` ``wording`` ``notebook``             what else must be known; single numbers; a notebook
+================================================ ===================================================
 """
 
 from typing import TYPE_CHECKING

@@ -6,10 +6,10 @@ by several per cent; so the nominal rate is never used where one was measured::
     Block.index + Ticks ──▶ Clock ──▶ Envelope (host)   ──▶ fit_line ──┐
                                 └───▶ Envelope (device) ──▶ fit_line ──┴──▶ RateFit
 
-An `Envelope` keeps the earliest arrivals, a few hundred however long the run is; `fit_line` draws a
-straight line through them that neither stalls nor steps can bend, and says how well its slope is
-known. The host's monotonic clock is the truth where there is one, a device's crystal where there is
-only a file.
+An `Envelope` (`clock`) keeps the earliest arrivals, a few hundred however long the run is;
+`fit_line` (`rate`) draws a straight line through them that neither stalls nor steps can bend, and
+says how well its slope is known. The host's monotonic clock is the truth where there is one, a
+device's crystal where there is only a file.
 """
 
 from __future__ import annotations

@@ -18,9 +18,22 @@ fleet writes; workers need to read the recordings, and this version of allanscop
 One recording that is large while workers are idle is split in time: see `split`.
 
 The report asks what no single run can answer: how much of the spread is between boards and how
-much between repeats of one (`repeats`), which boards do not belong (`outliers`), which effects are
-the rack's and not the board's, and whether an effect that one night shows is there again in another
-night of the same board (`effects`), and what changes with date and temperature (`drift`).
+much between repeats of one, which boards do not belong, which effects are the rack's and not the
+board's, which are there again in another night of the same board, and what changes with date and
+temperature.
+
+======================================= ============================================================
+``inputs`` ``run`` ``work_queue``       recordings found, handed out and taken back
+``cluster`` ``store`` ``outcome``       who does the work, and what is kept of each recording
+``worker_tasks``                        on a worker: one recording
+``split`` ``part_sums``                 on several workers: one large recording, in parts
+``lot`` ``lot_files``                   the table of all recordings, and all files of a lot
+``repeats`` ``typical_value``           runs of one unit; the value typical of all units
+``outliers`` ``effects`` ``drift``      units that do not belong; effects; date and temperature
+``acceptance`` ``comparison``           a lot against limits, and against another lot
+``verdict``                             what is said first, and which units are named
+``page`` ``unit_pages`` ``pictures``    the report
+======================================= ============================================================
 """
 
 from __future__ import annotations

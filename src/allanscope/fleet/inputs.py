@@ -100,7 +100,7 @@ def find_inputs(patterns: Iterable[str]) -> list[RecordingInput]:
             raise UsageError(
                 f"nothing matches {pattern}; quote it: allanscope fleet 'DIR/**/*.mcap'"
             )
-        found |= {place.url: place for place in matched}
+        found |= {item.url: item for item in matched}
     return _sessions([found[url] for url in sorted(found)])
 
 
@@ -217,7 +217,7 @@ class RemotePath:
         yield from (RemotePath(filesystem.unstrip_protocol(path)) for path in found)
 
     def is_dir(self) -> bool:
-        """Return False: a place is a file."""
+        """Return False: a recording's input is a file."""
         return False
 
     def open(self, mode: str = "rb") -> IO[Any]:

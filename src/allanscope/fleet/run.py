@@ -102,10 +102,10 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     UnitNames((), settings.unit_pattern)
     limits = read_limits(settings.limits) if settings.limits is not None else {}
     find_lot(settings.compare)
-    places = find_inputs(settings.patterns)
+    items = find_inputs(settings.patterns)
     store = Store(settings.out, device)
     try:
-        queue = WorkQueue(store, places)
+        queue = WorkQueue(store, items)
         if queue.todo:
             _process_queue(queue, settings, device)
         result = queue.result
@@ -164,13 +164,13 @@ def _dispatch(
                 queue.todo.extendleft([alone] if alone else [])
             if alone is None or not running:
                 _submit_waiting(queue, pool, device, running, 1 if alone else None)
-            for future, place in _finished(running):
+            for future, item in _finished(running):
                 del running[future]
-                outcome = _outcome(future, place)
-                if outcome.error.endswith(_WORKERS_DIED) and place is not alone:
-                    suspects.append(place)
+                outcome = _outcome(future, item)
+                if outcome.error.endswith(_WORKERS_DIED) and item is not alone:
+                    suspects.append(item)
                 else:
-                    advance(float(queue.record(place, outcome)))
+                    advance(float(queue.record(item, outcome)))
                 future.release()
         for future in running:
             future.cancel()
@@ -187,13 +187,13 @@ def _requeue_orphaned(
 ) -> None:
     """Take back what was given to workers that are gone; one that outlives none has failed."""
     for future in pool.without_worker(running):
-        place = running.pop(future)
+        item = running.pop(future)
         future.cancel()
-        orphaned[place.url] += 1
-        if orphaned[place.url] > MOST_ORPHANED:
-            queue.record(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
+        orphaned[item.url] += 1
+        if orphaned[item.url] > MOST_ORPHANED:
+            queue.record(item, Outcome(item.url, error=f"{item.url}: {_WORKERS_DIED}"))
         else:
-            queue.todo.append(place)
+            queue.todo.append(item)
 
 
 def _submit_waiting(
@@ -205,8 +205,8 @@ def _submit_waiting(
 ) -> None:
     """Hand out as much as keeps every worker busy until the next look, or at most so many."""
     while queue.todo and len(running) < (most or max(TASKS_PER_WORKER * pool.threads, 1)):
-        place = queue.todo.popleft()
-        running[queue.submit(pool, place, device, idle=pool.threads - len(running))] = place
+        item = queue.todo.popleft()
+        running[queue.submit(pool, item, device, idle=pool.threads - len(running))] = item
 
 
 def _finished(running: dict[Future, RecordingInput]) -> list[tuple[Future, RecordingInput]]:
@@ -220,14 +220,14 @@ def _finished(running: dict[Future, RecordingInput]) -> list[tuple[Future, Recor
     return [(future, running[future]) for future in done]
 
 
-def _outcome(future: Future, place: RecordingInput) -> Outcome:
+def _outcome(future: Future, item: RecordingInput) -> Outcome:
     """Return what a task came to, also when it was the task itself that failed."""
     try:
         outcome: Any = future.result()
     except Exception as error:
         died = type(error).__name__ == "KilledWorker"
         text = _WORKERS_DIED if died else f"{type(error).__name__}: {error}"
-        return Outcome(place.url, error=f"{place.url}: {' '.join(text.split())}")
+        return Outcome(item.url, error=f"{item.url}: {' '.join(text.split())}")
     assert isinstance(outcome, Outcome)
     return outcome
 

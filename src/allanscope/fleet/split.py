@@ -32,7 +32,7 @@ from allanscope.allan.archive import ROWS
 from allanscope.analysis import Analyser
 from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.partial import NullSum, Partial, TailBuffer
+from allanscope.fleet.part_sums import NullSum, PartSums, TailBuffer
 from allanscope.fleet.worker_tasks import (
     PIECE_BYTES,
     analyse_recording,
@@ -92,7 +92,7 @@ class FirstPass:
         Everything but the sums of deviations and spectrum.
     """
 
-    place: RecordingInput
+    item: RecordingInput
     outcome: Outcome | None = None
     cuts: tuple[SplitPoint, ...] = ()
     analyser: Analyser | None = None
@@ -101,12 +101,12 @@ class FirstPass:
 
 
 def submit_split(
-    client: Client | WorkerPool, place: RecordingInput, device: DeviceSettings, parts: int
+    client: Client | WorkerPool, item: RecordingInput, device: DeviceSettings, parts: int
 ) -> Future:
     """Hand out one recording in parts; the future is an `Outcome`, as of a whole one."""
-    seen = client.submit(first_pass, place, device, parts, pure=False)
+    seen = client.submit(first_pass, item, device, parts, pure=False)
     sums = [
-        client.submit(sum_part, place, client.submit(_cut, seen, number, pure=False), number, parts)
+        client.submit(sum_part, item, client.submit(_cut, seen, number, pure=False), number, parts)
         for number in range(parts)
     ]
     return client.submit(join, seen, sums, device, pure=False)
@@ -117,36 +117,36 @@ def _cut(seen: FirstPass, number: int) -> SplitPoint | None:
     return seen.cuts[number] if seen.cuts else None
 
 
-def first_pass(place: RecordingInput, device: DeviceSettings, parts: int) -> FirstPass:
+def first_pass(item: RecordingInput, device: DeviceSettings, parts: int) -> FirstPass:
     """Read a recording once and find where its parts begin."""
     try:
-        return _first_pass(place, device, parts)
+        return _first_pass(item, device, parts)
     except Exception as error:
-        return FirstPass(place, failure(place, error))
+        return FirstPass(item, failure(item, error))
 
 
 def sum_part(
-    place: RecordingInput, cut: SplitPoint | None, number: int, parts: int
-) -> Partial | None:
+    item: RecordingInput, cut: SplitPoint | None, number: int, parts: int
+) -> PartSums | None:
     """Sum up one part; nothing for a recording that is not to be split."""
     if cut is None:
         return None
     decoding: Decoding = pickle.loads(cut.decoding)
-    partial = Partial(cut.anchor, cut.taken, cut.recent)
-    recording = Recording(place.open_path()).part(number, parts)
+    part = PartSums(cut.anchor, cut.taken, cut.recent)
+    recording = Recording(item.open_path()).part(number, parts)
     for event in _events(recording, decoding, cut.after, last=number == parts - 1):
-        partial.feed(event)
-    partial.finish(last=number == parts - 1)
-    return partial
+        part.feed(event)
+    part.finish(last=number == parts - 1)
+    return part
 
 
-def join(seen: FirstPass, sums: list[Partial | None], device: DeviceSettings) -> Outcome:
+def join(seen: FirstPass, sums: list[PartSums | None], device: DeviceSettings) -> Outcome:
     """Return the outcome of a recording from its first pass and its parts."""
-    place = seen.place
+    item = seen.item
     if seen.outcome is not None:
         return seen.outcome
     if seen.analyser is None or seen.decoding is None or not seen.cuts:
-        return analyse_recording(place, device)
+        return analyse_recording(item, device)
     try:
         state = seen.analyser.configurations[0]
         axes = len(state.info.axes)
@@ -154,18 +154,18 @@ def join(seen: FirstPass, sums: list[Partial | None], device: DeviceSettings) ->
         anchor = cast(TailBuffer, state.bank).anchor
         bank = AllanBank(rate_hz, axes, seen.analyser.settings.per_octave, anchor=anchor)
         spectrum = SpectrumBank(rate_hz, axes, anchor=anchor)
-        for partial in sums:
-            assert partial is not None
-            partial.join_to(bank, spectrum)
+        for part in sums:
+            assert part is not None
+            part.join_to(bank, spectrum)
         state.bank, state.spectrum = bank, spectrum
-        recording = Recording(place.open_path())
-        return outcome_of(place, recording, seen.sha256, seen.analyser, seen.decoding)
+        recording = Recording(item.open_path())
+        return outcome_of(item, recording, seen.sha256, seen.analyser, seen.decoding)
     except Exception as error:
-        return failure(place, error)
+        return failure(item, error)
 
 
-def _first_pass(place: RecordingInput, device: DeviceSettings, parts: int) -> FirstPass:
-    recording = Recording(place.open_path())
+def _first_pass(item: RecordingInput, device: DeviceSettings, parts: int) -> FirstPass:
+    recording = Recording(item.open_path())
     settings = recorded_settings(recording, device)
     decoding = Decoding(settings.for_wire(), settings.wire)
     analyser = new_analyser(settings)
@@ -181,11 +181,11 @@ def _first_pass(place: RecordingInput, device: DeviceSettings, parts: int) -> Fi
             if isinstance(event, StreamInfo):
                 _disable_sums(analyser)
         after = part.next_read(after)
-    found = FirstPass(place, None, tuple(cuts), analyser, decoding, fingerprint.hexdigest())
+    found = FirstPass(item, None, tuple(cuts), analyser, decoding, fingerprint.hexdigest())
     if analyser.state is not None:
         analyser.state.settle()
     if not _is_splittable(analyser):
-        return FirstPass(place)
+        return FirstPass(item)
     return found
 
 

@@ -69,23 +69,23 @@ class Store:
             raise UsageError(f"cannot write to {folder}: {why}") from None
         self._sizes = {seen["size"] for seen in self._seen.values()}
 
-    def known(self, place: RecordingInput) -> str:
+    def known(self, item: RecordingInput) -> str:
         """Return the key of the result of a recording that has not changed since; else nothing."""
-        seen = self._seen.get(place.url)
-        if not seen or not place.stamp or seen["state"] != _state(place):
+        seen = self._seen.get(item.url)
+        if not seen or not item.stamp or seen["state"] != _state(item):
             return ""
         key = result_key(seen["sha256"], self._device)
         return key if key in self._kept else ""
 
-    def files_of(self, place: RecordingInput) -> tuple[str, ...]:
+    def files_of(self, item: RecordingInput) -> tuple[str, ...]:
         """Return the names of the files that made up a known recording."""
-        return tuple(self._seen[place.url]["files"])
+        return tuple(self._seen[item.url]["files"])
 
-    def may_contain(self, place: RecordingInput) -> bool:
+    def may_contain(self, item: RecordingInput) -> bool:
         """Whether some known recording is as long, so that this may be it under another name."""
-        return place.size in self._sizes
+        return item.size in self._sizes
 
-    def note(self, place: RecordingInput, outcome: Outcome) -> str:
+    def note(self, item: RecordingInput, outcome: Outcome) -> str:
         """Remember what file has which fingerprint; return the key of its result.
 
         Raises
@@ -94,14 +94,14 @@ class Store:
             If the disk does not take it.
         """
         seen = {
-            "url": place.url,
-            "size": place.size,
-            "state": _state(place),
+            "url": item.url,
+            "size": item.size,
+            "state": _state(item),
             "sha256": outcome.sha256,
             "files": list(outcome.files),
         }
-        self._seen[place.url] = seen
-        self._sizes.add(place.size)
+        self._seen[item.url] = seen
+        self._sizes.add(item.size)
         try:
             self._index.write(json.dumps(seen) + "\n")
             self._index.flush()
@@ -157,9 +157,9 @@ class Store:
             raise UsageError(f"cannot write {self._index.name}: {error.strerror}") from None
 
 
-def _state(place: RecordingInput) -> list[list[str]]:
+def _state(item: RecordingInput) -> list[list[str]]:
     """Return what changes when one of the files does."""
-    return [[one.url, str(one.size), one.stamp] for one in (place, *place.later)]
+    return [[one.url, str(one.size), one.stamp] for one in (item, *item.later)]
 
 
 def _opened_index(folder: Folder) -> TextIO | RemoteIndex:

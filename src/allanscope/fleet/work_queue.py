@@ -68,17 +68,17 @@ class FleetResult:
 class WorkQueue:
     """What is to do and what has come back."""
 
-    def __init__(self, store: Store, places: Iterable[RecordingInput]) -> None:
+    def __init__(self, store: Store, items: Iterable[RecordingInput]) -> None:
         self.result = FleetResult()
         self.todo: deque[RecordingInput] = deque()
         self.is_deserted = False
         self._store = store
         self._looked_up: set[str] = set()
-        for place in places:
-            self._consider(place)
+        for item in items:
+            self._consider(item)
 
     def submit(
-        self, pool: WorkerPool, place: RecordingInput, device: DeviceSettings, idle: int
+        self, pool: WorkerPool, item: RecordingInput, device: DeviceSettings, idle: int
     ) -> Future:
         """Hand out one recording while so many workers are idle.
 
@@ -88,47 +88,47 @@ class WorkQueue:
         from allanscope.fleet.split import submit_split
         from allanscope.fleet.worker_tasks import analyse_recording, fingerprint_recording
 
-        if self._store.may_contain(place) and place.url not in self._looked_up:
-            return pool.submit(fingerprint_recording, place, device, pure=False)
-        parts = self._parts(place, idle)
+        if self._store.may_contain(item) and item.url not in self._looked_up:
+            return pool.submit(fingerprint_recording, item, device, pure=False)
+        parts = self._parts(item, idle)
         if parts > 1:
-            return submit_split(pool, place, device, parts)
-        return pool.submit(analyse_recording, place, device, pure=False)
+            return submit_split(pool, item, device, parts)
+        return pool.submit(analyse_recording, item, device, pure=False)
 
-    def record(self, place: RecordingInput, outcome: Outcome) -> bool:
+    def record(self, item: RecordingInput, outcome: Outcome) -> bool:
         """Keep what came back; return whether the recording is done with."""
         if not outcome.is_of_this_version:
-            self.todo.append(place)
+            self.todo.append(item)
             return False
         if outcome.error:
-            self.result.failures[place.url] = outcome.error
-            self.todo.extend(place.later)
+            self.result.failures[item.url] = outcome.error
+            self.todo.extend(item.later)
             return True
-        key = self._store.note(place, outcome)
+        key = self._store.note(item, outcome)
         if outcome.result:
             self._store.put(key, outcome.result)
             self.result.done += 1
         elif not self._store.has(key):
-            self._looked_up.add(place.url)
-            self.todo.append(place)
+            self._looked_up.add(item.url)
+            self.todo.append(item)
             return False
-        self._finish(place, key, outcome.files)
+        self._finish(item, key, outcome.files)
         return True
 
-    def _parts(self, place: RecordingInput, idle: int) -> int:
+    def _parts(self, item: RecordingInput, idle: int) -> int:
         """Return in how many parts a recording is worth doing: many workers, and much of it."""
-        return min(idle - len(self.todo), place.bytes // PART_BYTES)
+        return min(idle - len(self.todo), item.bytes // PART_BYTES)
 
-    def _consider(self, place: RecordingInput) -> None:
-        key = self._store.known(place)
+    def _consider(self, item: RecordingInput) -> None:
+        key = self._store.known(item)
         if key:
-            self._finish(place, key, self._store.files_of(place))
+            self._finish(item, key, self._store.files_of(item))
         else:
-            self.todo.append(place)
+            self.todo.append(item)
 
-    def _finish(self, place: RecordingInput, key: str, files: tuple[str, ...]) -> None:
-        self.result.keys[place.url] = key
-        for one in place.later:
+    def _finish(self, item: RecordingInput, key: str, files: tuple[str, ...]) -> None:
+        self.result.keys[item.url] = key
+        for one in item.later:
             if one.name not in files:  # numbered like a part of this session, but of another
                 self._consider(one)
 

@@ -40,10 +40,10 @@ PIECE_BYTES = 1 << 18
 """Read at a time: so much is summed up in one thread, and other workers have the other cores."""
 
 
-def analyse_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
+def analyse_recording(item: RecordingInput, device: DeviceSettings) -> Outcome:
     """Return what one recording comes to; the task of the fleet."""
     try:
-        with _opened(place, device) as recording:
+        with _opened(item, device) as recording:
             settings = recorded_settings(recording, device)
             decoding = Decoding(settings.for_wire(), settings.wire)
             analyser = new_analyser(settings)
@@ -54,20 +54,20 @@ def analyse_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
                     analyser.feed(event)
             for event in decoding.finish():
                 analyser.feed(event)
-            return outcome_of(place, recording, fingerprint.hexdigest(), analyser, decoding)
+            return outcome_of(item, recording, fingerprint.hexdigest(), analyser, decoding)
     except Exception as error:
-        return failure(place, error)
+        return failure(item, error)
 
 
 @contextmanager
-def _opened(place: RecordingInput, device: DeviceSettings) -> Iterator[Recording]:
+def _opened(item: RecordingInput, device: DeviceSettings) -> Iterator[Recording]:
     """Give a recording; one is made of what only `import` reads."""
-    path = place.open_path()
+    path = item.open_path()
     if not isinstance(path, Path) or not _is_imported(path):
         yield Recording(path)
         return
     with TemporaryDirectory(prefix="allanscope-") as folder:
-        imported = Path(folder) / f"{place.name}.mcap"
+        imported = Path(folder) / f"{item.name}.mcap"
         import_capture(path, imported, device, quiet=True)
         yield Recording(imported)
 
@@ -79,14 +79,14 @@ def _is_imported(path: Path) -> bool:
     return path.is_file() and path.suffix != ".mcap" and not is_recording(path)
 
 
-def fingerprint_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
+def fingerprint_recording(item: RecordingInput, device: DeviceSettings) -> Outcome:
     """Return the fingerprint alone, to see whether a recording is known under another name."""
     try:
-        with _opened(place, device) as recording:
+        with _opened(item, device) as recording:
             files = tuple(file.name for file in recording.files)
-            return Outcome(place.url, recording.sha256(), files)
+            return Outcome(item.url, recording.sha256(), files)
     except Exception as error:
-        return failure(place, error)
+        return failure(item, error)
 
 
 def new_analyser(settings: DeviceSettings) -> Analyser:
@@ -95,7 +95,7 @@ def new_analyser(settings: DeviceSettings) -> Analyser:
 
 
 def outcome_of(
-    place: RecordingInput, recording: Recording, sha256: str, analyser: Analyser, decoding: Decoding
+    item: RecordingInput, recording: Recording, sha256: str, analyser: Analyser, decoding: Decoding
 ) -> Outcome:
     """Sum up a recording that has been read to its end.
 
@@ -105,12 +105,12 @@ def outcome_of(
         If it held no samples.
     """
     if analyser.state is None or not analyser.state.samples:
-        raise InputError(f"{place.url} contains no samples; nothing to analyse")
-    facts = {"name": place.name, "path": place.url, "wire": decoding.wire, "sha256": sha256}
+        raise InputError(f"{item.url} contains no samples; nothing to analyse")
+    facts = {"name": item.name, "path": item.url, "wire": decoding.wire, "sha256": sha256}
     analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
     circumstances = _circumstances(recording, analyser, analysis)
     return Outcome(
-        place.url,
+        item.url,
         sha256,
         tuple(file.name for file in recording.files),
         compressed_result({"circumstances": circumstances, "analysis": analysis.to_dict()}),
@@ -132,8 +132,8 @@ def _circumstances(recording: Recording, analyser: Analyser, analysis: Analysis)
     }
 
 
-def failure(place: RecordingInput, error: Exception) -> Outcome:
+def failure(item: RecordingInput, error: Exception) -> Outcome:
     """Return the outcome of a recording that cannot be analysed."""
     known = isinstance(error, AllanscopeError)
-    text = str(error) if known else f"{place.url}: {type(error).__name__}: {error}"
-    return Outcome(place.url, error=" ".join(text.split()))
+    text = str(error) if known else f"{item.url}: {type(error).__name__}: {error}"
+    return Outcome(item.url, error=" ".join(text.split()))

@@ -13,9 +13,12 @@
     notebook ─ live ─▶ Session, in the background ──▶ newest Analysis  live_session
 
 A function here is what a command of the same name calls: `run` (live and replays), `analyse_file`,
-`check`, `import_export`, `simulate`, `together`. `outputs` writes what a run leaves
-behind, and opens its charts again. Whichever way samples come, they pass the same decoder and the
-same sums, so that no two ways can disagree.
+`check`, `import_export` with `exports`, `simulate`, `together`, `theory` (conversions, single
+quantities, charts), `doctor`; `settings` are what the user asked for. `outputs` writes what a run
+leaves behind, and opens its charts again; `event_hook` reports events to a program of the user.
+`table_files` reads files of other programs, and `rerun_importer` lets the viewer open recordings.
+Whichever way samples come, they pass the same decoder and the same sums, so that no two ways can
+disagree.
 """
 
 from __future__ import annotations

@@ -13,6 +13,8 @@ decoder never costs a night::
                      records     checked                   └──▶ recover() ──▶ one sound file
                      lie
 
+A `chunk` is one read. `recorder`, `session` and `segment` write; `outline`, `records` and `reader`
+read; `recovery` saves what a damaged session still holds, and `export` writes samples as a table.
 The files are plain MCAP, which other tools open; `layout` says what is in them. Written twice
 a second, they lose less than a second when the process is killed. The reader uses no index, checks
 every length before it uses it, skips what is corrupt, and says so.

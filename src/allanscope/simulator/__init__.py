@@ -14,6 +14,17 @@ when the host does not read, damages bytes when told to, and keeps a `Ledger` of
 did not arrive, so that what a reader reports as lost can be checked too.
 
 Everything is reproducible from one seed, and independent of the sizes in which it is read.
+
+===================================== ==============================================================
+``truth`` ``noise`` ``effects``       coefficients, their noise, and what else is in a signal
+``effect_spec`` ``parameters``        effects and faults as they are written on the command line
+``signals`` ``simulator``             the signal of each axis; the sensor as a stream of Blocks
+``firmware`` ``transmitter``          the program of the board; its ring, and what was lost
+``faults``                            what damages bytes, or stops the device
+``device`` ``virtual_port``           the board on a cable, and the port that a host opens
+``pty_port``                          that port where the system has pseudo-terminals
+``record``                            the same as a recording, without waiting for it
+===================================== ==============================================================
 """
 
 from __future__ import annotations

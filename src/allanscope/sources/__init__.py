@@ -11,10 +11,12 @@
 A source knows nothing of samples. It gives chunks: the bytes of one read, the host's monotonic time
 at which they came, and what happened to the link before them. One thread reads; any thread may
 write or close. A serial port that disconnects comes back by itself (`serial_port`), because a night
-on the bench outlives a loose cable. `discovery` finds the board by its USB numbers.
+on the bench outlives a loose cable. `discovery` finds the board by its USB numbers, `transport`
+opens the link, and an `isolated_reader` has it read by a process of its own (`port_reader`), at
+real-time priority where `rtkit` grants it.
 
-A new kind of source is a file with a class that has the members of `Source`, and two lines in
-`registry`: which names mean it, and how it is opened.
+A new kind of source is a file with a class that has the members of `Source` (`base`), and two lines
+in `registry`: which names mean it, and how it is opened.
 """
 
 from __future__ import annotations

@@ -16,12 +16,12 @@ from allanscope.analysis import AnalyserSettings
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.spectrum import SpectrumBank, SpectrumShard
 
-__all__ = ["NullSum", "Partial", "TailBuffer"]
+__all__ = ["NullSum", "PartSums", "TailBuffer"]
 
 PER_OCTAVE = AnalyserSettings().per_octave
 
 
-class Partial:
+class PartSums:
     """Deviations and spectrum of one part.
 
     A part begins and ends anywhere in a segment; sums begin and end at multiples of `ALIGNED`

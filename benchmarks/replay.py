@@ -79,7 +79,7 @@ def whole(path: Path) -> dict[str, float]:
     decoding = Decoding(WireSettings())
     analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, buffered_rows=FULL_BUFFERED))
     marks = [(time.process_time(), time.monotonic())]
-    feed_analyser(path, decoding, analyser, quiet=True, seen=Fingerprint().add)
+    feed_analyser(path, decoding, analyser, quiet=True, on_buffer=Fingerprint().add)
     assert analyser.state is not None
     analyser.state.settle()
     marks.append((time.process_time(), time.monotonic()))

@@ -34,7 +34,7 @@ def test_it_is_another_process_that_computes_the_same():
 def test_what_is_held_is_not_sent_again_and_comes_back_as_itself():
     large, small = np.arange(1_000_000.0), np.arange(3.0)
     with WorkerProcess() as worker:
-        worker.hold(large, small)
+        worker.share(large, small)
         first, second = worker.call(list, (large, small, large))[:2]
         assert first is large
         assert second is small

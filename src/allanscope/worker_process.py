@@ -6,11 +6,11 @@ functions and their arguments from a pipe and gives back what they return. The s
 pools run the user's script once more in each process, which most scripts are not written for; this
 one runs only what it is given.
 
-Some arguments are large and wanted again, or are what a result refers to. These are held on both
+Some arguments are large and wanted again, or are what a result refers to. These are shared on both
 sides, and are named in the pipe instead of copied::
 
     with WorkerProcess("allanscope.explain.loop") as worker:
-        worker.hold(record)
+        worker.share(record)
         worker.call(searched, record, "gx")  # `record` is a few bytes here
 
 The process ends with its pipe, so none is left behind by a program that was killed.
@@ -58,7 +58,7 @@ class WorkerProcess:
     """
 
     def __init__(self, preload: str = "", nice: int = 0) -> None:
-        self._held: list[object] = []
+        self._shared: list[object] = []
         self._calling = threading.Lock()
         self._complaint = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
         command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
@@ -78,8 +78,8 @@ class WorkerProcess:
         except OSError as error:
             self._why_not = f"{type(error).__name__}: {error}"
 
-    def hold(self, *objects: object) -> None:
-        """Hold objects on both sides until the end: they must not change any more.
+    def share(self, *objects: object) -> None:
+        """Share objects with the process until the end: they must not change any more.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class WorkerProcess:
             When the process has ended.
         """
         self._send(None, objects)
-        self._held += objects
+        self._shared += objects
 
     def call(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
         """Return what a function of a module returns there; raise what it raises.
@@ -125,7 +125,7 @@ class WorkerProcess:
             raise WorkerError(self._why_not)
         assert self._process.stdout is not None
         try:
-            error, answer = _load(self._process.stdout, self._held)
+            error, answer = _load(self._process.stdout, self._shared)
         except (OSError, EOFError, ValueError, pickle.UnpicklingError):
             raise self._ended() from None
         if error is not None:
@@ -159,7 +159,7 @@ class WorkerProcess:
             raise WorkerError(self._why_not)
         assert self._process.stdin is not None
         try:
-            _dump(message, self._process.stdin, self._held)
+            _dump(message, self._process.stdin, self._shared)
         except (OSError, ValueError):  # ended, or closed from another thread
             raise self._ended() from None
 
@@ -178,9 +178,9 @@ class WorkerProcess:
 class _Pickler(pickle.Pickler):
     """Names what both sides hold."""
 
-    def __init__(self, pipe: BinaryIO, held: list[object]) -> None:
+    def __init__(self, pipe: BinaryIO, shared: list[object]) -> None:
         super().__init__(pipe, pickle.HIGHEST_PROTOCOL)
-        self._names = {id(one): number for number, one in enumerate(held)}
+        self._names = {id(one): number for number, one in enumerate(shared)}
 
     def persistent_id(self, one: object) -> int | None:
         return self._names.get(id(one))
@@ -189,18 +189,18 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Finds what both sides hold."""
 
-    def __init__(self, pipe: BinaryIO, held: list[object]) -> None:
+    def __init__(self, pipe: BinaryIO, shared: list[object]) -> None:
         super().__init__(pipe)
-        self.persistent_load = held.__getitem__  # type: ignore[method-assign]
+        self.persistent_load = shared.__getitem__  # type: ignore[method-assign]
 
 
-def _dump(message: object, pipe: Any, held: list[object]) -> None:
-    _Pickler(pipe, held).dump(message)
+def _dump(message: object, pipe: Any, shared: list[object]) -> None:
+    _Pickler(pipe, shared).dump(message)
     pipe.flush()
 
 
-def _load(pipe: Any, held: list[object]) -> Any:
-    return _Unpickler(pipe, held).load()
+def _load(pipe: Any, shared: list[object]) -> Any:
+    return _Unpickler(pipe, shared).load()
 
 
 def _picklable(error: Exception) -> Exception:
@@ -220,14 +220,14 @@ def main() -> None:
     defer_unused()
     for name in sys.argv[1].split():
         import_module(name)
-    held: list[object] = []
+    shared: list[object] = []
     while True:
         try:
-            function, arguments, *named = _load(requests, held)
+            function, arguments, *named = _load(requests, shared)
         except EOFError:
             return
         if function is None:
-            held += arguments
+            shared += arguments
             continue
         answer: tuple[Exception | None, object]
         try:
@@ -235,7 +235,7 @@ def main() -> None:
         except Exception as error:
             answer = _picklable(error), None
         del function, arguments, named
-        _dump(answer, answers, held)
+        _dump(answer, answers, shared)
         del answer
 
 

@@ -116,9 +116,9 @@ def test_lots_that_differ_are_told_to_and_by_how_much(tmp_path: Path) -> None:
     lot, other = lot_of(tmp_path / "a", known), lot_of(tmp_path / "b", rows(0.9, seed=2))
     [first, *rest] = differences(lot, other)
     assert (first.axis, first.quantity) == ("gx", "N")
-    assert first.is_seen
+    assert first.is_significant
     assert first.lower < 1.0 / 0.9 - 1.0 < first.upper
-    assert not any(one.is_seen for one in rest)
+    assert not any(one.is_significant for one in rest)
     assert {one.quantity for one in rest} == {"N", "level", "rate"}
     page = render_lot(lot, {}, other=other, other_name="lot-b")
     assert "against lot-b:</b> N of gx differ; 4 quantities compared" in page
@@ -143,7 +143,7 @@ def test_lots_that_are_alike_seldom_differ() -> None:
                 columns |= {f"{name}_{p}": nothing for p in ("value", "lower", "upper", "detected")}
             columns |= {"recording": names, "nominal_hz": nothing, "measured_hz": nothing}
             lots.append(Lot({**columns, "rate_uncertainty_ppm": nothing}))
-        wrong += any(one.is_seen for one in differences(*lots))
+        wrong += any(one.is_significant for one in differences(*lots))
     assert wrong <= 5  # 1.2 expected; more than 5 have a probability of 0.002
 
 

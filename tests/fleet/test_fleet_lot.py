@@ -428,10 +428,10 @@ def test_drift_is_found_among_repeats(lot: Lot) -> None:
     assert level.slope == pytest.approx(0.02, abs=2.0 * level.error)
     noise = found["az", "N", "temperature"]
     assert abs(noise.slope - PER_DEGREE) < 1.5 * noise.error
-    assert {(one.quantity, one.on) for one in found.values() if one.is_seen} >= {
+    assert {(one.quantity, one.on) for one in found.values() if one.is_significant} >= {
         ("level", "temperature")
     }
-    assert not any(one.is_seen for one in found.values() if one.on == "date")
+    assert not any(one.is_significant for one in found.values() if one.on == "date")
     single = lot.where(lot["started"] == lot["started"][0])
     assert drifts_of(single) == []
 

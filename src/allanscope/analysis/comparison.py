@@ -187,7 +187,7 @@ def _of_result(text: str, name: str) -> dict[str, ReferenceCurve]:
         columns = [np.asarray(curve[key], np.float64) for key in ("tau", "deviation", "edf")]
         trusted = np.asarray(curve["trusted"], bool)
         if trusted.any():
-            found[axis] = _sound(name, *(column[trusted] for column in columns))
+            found[axis] = _checked(name, *(column[trusted] for column in columns))
     return found
 
 
@@ -210,13 +210,13 @@ def _of_mask(text: str, name: str) -> dict[str, ReferenceCurve]:
         for axis in _GROUPS.get(title, (title,))
     }
     return {
-        axis: _sound(name, tau[~np.isnan(values)], values[~np.isnan(values)])
+        axis: _checked(name, tau[~np.isnan(values)], values[~np.isnan(values)])
         for axis, values in columns.items()
         if not np.isnan(values).all()
     }
 
 
-def _sound(
+def _checked(
     name: str,
     tau: NDArray[np.float64],
     deviation: NDArray[np.float64],

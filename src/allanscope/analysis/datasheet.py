@@ -142,7 +142,7 @@ def _density(
         words = "the white noise is not known yet"
         return DatasheetVerdict(limit, None, unit, "not known yet", words, details)
     details |= {"ratio": measured / limit, "dt0064_ratio": measured / _ROOT_TWO / limit}
-    verdict = _judge(details["lower"], details["upper"], limit)
+    verdict = _verdict(details["lower"], details["upper"], limit)
     factor, shown = DENSITY[base].factor, DENSITY[base].unit
     explanation = (
         f"one-sided density sqrt(2) N = {factor * measured:.3g} {shown} against"
@@ -195,10 +195,10 @@ def _rms(
         f"if the part runs in {mode} mode: rms over half the rate, {factor * rms:.3g} {shown}"
         f" against {factor * limit:.3g} typical ({part.name})"
     )
-    return DatasheetVerdict(limit, rms, unit, _judge(rms, rms, limit), words, details)
+    return DatasheetVerdict(limit, rms, unit, _verdict(rms, rms, limit), words, details)
 
 
-def _judge(lower: float, upper: float, limit: float) -> str:
+def _verdict(lower: float, upper: float, limit: float) -> str:
     if upper < (1 - _TYPICAL) * limit:
         return "better"
     return "worse" if lower > (1 + _TYPICAL) * limit else "typical"

@@ -206,7 +206,7 @@ class _Places:
             self._free.put(place)
         for worker in workers:
             with suppress(WorkerError):  # says so again when it is asked
-                worker.hold(job, job.record, job.series, job.series.grid)
+                worker.share(job, job.record, job.series, job.series.grid)
         self._pool = ThreadPoolExecutor(1 + len(workers))
 
     def each(

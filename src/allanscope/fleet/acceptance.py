@@ -85,15 +85,15 @@ def accept(lot: Lot, limits: Limits) -> Acceptance:
     units = np.unique(lot.units)
     counts, rejected = [], []
     for axis, named in limits.items():
-        here = lot.of_axis(axis)
-        absent = sorted(set(units.tolist()) - set(here.units.tolist()))
+        runs = lot.of_axis(axis)
+        absent = sorted(set(units.tolist()) - set(runs.units.tolist()))
         for name, bounds in named.items():
-            missed, close, reasons = _judged(here, name, bounds)
-            failing = np.unique(here.units[missed]).tolist()
+            missed, close, reasons = _missed(runs, name, bounds)
+            failing = np.unique(runs.units[missed]).tolist()
             rejected += [Finding(unit, axis, f"{name} {reasons[unit]}", name) for unit in failing]
             rejected += [Finding(unit, axis, "no run has this axis", name) for unit in absent]
             bad = len(failing) + len(absent)
-            doubtful = len(np.unique(here.units[close]))
+            doubtful = len(np.unique(runs.units[close]))
             counts.append(LimitCount(axis, name, _limit(bounds), len(units) - bad, bad, doubtful))
     return Acceptance(tuple(counts), len(units), tuple(rejected))
 
@@ -113,47 +113,47 @@ def clopper_pearson(good: int, units: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _judged(
-    here: Lot, name: str, bounds: dict[str, float]
+def _missed(
+    runs: Lot, name: str, bounds: dict[str, float]
 ) -> tuple[Truths, Truths, dict[str, str]]:
     """Return which runs miss a limit, which cannot tell, and of each unit the worst run's words."""
-    value, lower, upper, detected = _measured(here, name)
+    value, lower, upper, detected = _measured(runs, name)
     most = np.where(detected, value, upper)
     least = np.where(detected, value, 0.0)
     unknown = ~np.isfinite(most)
     maximum, minimum = bounds.get("max", np.inf), bounds.get("min", 0.0)
     missed = unknown | (most > maximum) | (least < minimum)
-    close = np.zeros(len(here), np.bool_)
+    close = np.zeros(len(runs), np.bool_)
     for bound in bounds.values():
         close |= np.where(detected, lower <= bound, True) & (bound <= upper)
     reasons: dict[str, list[str]] = defaultdict(list)
     factor, unit = 1.0, ""
-    if len(here):
-        reading = COEFFICIENTS[here["sensor_unit"][0], name][0]
+    if len(runs):
+        reading = COEFFICIENTS[runs["sensor_unit"][0], name][0]
         factor, unit = reading.factor, symbols(reading.unit)
     for run in np.flatnonzero(missed):
         if unknown[run]:
-            said = "could not be measured"
+            reason = "could not be measured"
         elif detected[run]:
-            said = f"is {number(factor * value[run])} {unit}"
+            reason = f"is {number(factor * value[run])} {unit}"
         else:
-            said = f"is {upper_limit(factor * upper[run])} {unit}, not detected"
-        reasons[str(here.units[run])].append(said)
-    told = {
+            reason = f"is {upper_limit(factor * upper[run])} {unit}, not detected"
+        reasons[str(runs.units[run])].append(reason)
+    texts = {
         one: f"{words[0]}; {_limit(bounds, factor)}"
         + (f" (and in {len(words) - 1} more runs)" if len(words) > 1 else "")
         for one, words in reasons.items()
     }
-    return missed, close, told
+    return missed, close, texts
 
 
-def _measured(here: Lot, name: str) -> tuple[NDArray[np.float64], ...]:
+def _measured(runs: Lot, name: str) -> tuple[NDArray[np.float64], ...]:
     """Return value, limits and whether it was detected; with what other axes bring, as `check`."""
     parts = ("value", "lower", "upper", "detected")
-    now = [here[f"{name}_{part}"] for part in parts]
+    now = [runs[f"{name}_{part}"] for part in parts]
     if name != "N":
-        before = [here[f"before_{name}_{part}"] for part in parts]
-        leaked = here["effects"].rows_with("source") & (before[0] > now[0])
+        before = [runs[f"before_{name}_{part}"] for part in parts]
+        leaked = runs["effects"].rows_with("source") & (before[0] > now[0])
         now = [np.where(leaked, old, new) for old, new in zip(before, now, strict=True)]
     return (*now[:3], now[3] == 1.0)
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class Difference:
     ----------
     axis, quantity : str
         ``N``, ``B``, ``K``, ``level`` or ``rate``; the axis of a rate is ``all``.
-    here, there : float
+    value, other : float
         Typical value of this lot and of the other.
     change, lower, upper : float
         Ratio less one of N, B, K and the rate, difference of a level; with its 95 % interval.
@@ -50,15 +51,15 @@ class Difference:
 
     axis: str
     quantity: str
-    here: float
-    there: float
+    value: float
+    other: float
     change: float
     lower: float
     upper: float
     p_value: float
 
     @property
-    def is_seen(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the lots differ at 1 % for all that is compared."""
         return self.p_value < LEVEL_OF_TEST
 
@@ -76,13 +77,13 @@ def differences(lot: Lot, other: Lot) -> list[Difference]:
 def _compared(lot: Lot, other: Lot) -> Iterator[Difference]:
     quantities = len(lot.axes) * (len(MAIN_LETTERS) + 1) + 1
     for axis in lot.axes:
-        here, there = lot.of_axis(axis), other.of_axis(axis)
+        lots = lot.of_axis(axis), other.of_axis(axis)
         for name in MAIN_LETTERS:
-            known = [_typical(one, name, quantities) for one in (here, there)]
+            known = [_typical(one, name, quantities) for one in lots]
             if known[0] is not None and known[1] is not None:
                 yield _welch(axis, name, known[0], known[1], is_log=True)
         if axis.startswith("g"):
-            means = [_mean(*levels_of_units(one), quantities) for one in (here, there)]
+            means = [_mean(*levels_of_units(one), quantities) for one in lots]
             if means[0] is not None and means[1] is not None:
                 yield _welch(axis, "level", means[0], means[1])
     rates = [_mean(*rates_of_units(one), quantities, np.log) for one in (lot, other)]
@@ -90,8 +91,12 @@ def _compared(lot: Lot, other: Lot) -> Iterator[Difference]:
         yield _welch("all", "rate", rates[0], rates[1], is_log=True)
 
 
-Mean = tuple[float, float, int]
-"""Mean over units, its standard error, degrees of freedom of that."""
+class Mean(NamedTuple):
+    """Mean over units, its standard error, and the degrees of freedom of that."""
+
+    value: float
+    error: float
+    freedom: int
 
 
 def _typical(lot: Lot, name: str, quantities: int) -> Mean | None:
@@ -110,7 +115,7 @@ def _typical(lot: Lot, name: str, quantities: int) -> Mean | None:
         return None
     freedom = len(units.names) - 1
     wide = float(np.log(one.upper / one.lower)) / (2.0 * float(stdtrit(freedom, 0.975)))
-    return float(np.log(one.value)), wide, freedom
+    return Mean(float(np.log(one.value)), wide, freedom)
 
 
 def _mean(
@@ -126,20 +131,22 @@ def _mean(
     if len(usual) < FEWEST:
         return None
     error = float(np.std(usual, ddof=1)) / np.sqrt(len(usual))
-    return float(np.mean(usual)), error, len(usual) - 1
+    return Mean(float(np.mean(usual)), error, len(usual) - 1)
 
 
-def _welch(axis: str, name: str, here: Mean, there: Mean, is_log: bool = False) -> Difference:
+def _welch(axis: str, name: str, one: Mean, other: Mean, is_log: bool = False) -> Difference:
     from scipy.special import stdtr, stdtrit
 
-    apart = here[0] - there[0]
-    squares = here[1] ** 2, there[1] ** 2
-    error = max(float(np.sqrt(sum(squares))), 1e-12 * max(abs(here[0]), abs(there[0]), 1.0))
-    parts = sum(s**2 / k for s, k in zip(squares, (here[2], there[2]), strict=True))
-    freedom = sum(squares) ** 2 / parts if parts > 0.0 else float(here[2] + there[2])
+    difference = one.value - other.value
+    squares = one.error**2, other.error**2
+    size = max(abs(one.value), abs(other.value), 1.0)
+    error = max(float(np.sqrt(sum(squares))), 1e-12 * size)
+    parts = squares[0] ** 2 / one.freedom + squares[1] ** 2 / other.freedom
+    freedom = sum(squares) ** 2 / parts if parts > 0.0 else float(one.freedom + other.freedom)
     reach = float(stdtrit(freedom, 0.975)) * error
-    p_value = 2.0 * float(stdtr(freedom, -abs(apart) / error))
-    told = np.array([apart, apart - reach, apart + reach])
-    change, lower, upper = (np.expm1(told) if is_log else told).tolist()
-    ours, theirs = np.exp([here[0], there[0]]).tolist() if is_log else (here[0], there[0])
-    return Difference(axis, name, ours, theirs, change, lower, upper, p_value)
+    p_value = 2.0 * float(stdtr(freedom, -abs(difference) / error))
+    limits = np.array([difference, difference - reach, difference + reach])
+    change, lower, upper = (np.expm1(limits) if is_log else limits).tolist()
+    scale = np.exp if is_log else np.asarray
+    value, reference = scale([one.value, other.value]).tolist()
+    return Difference(axis, name, value, reference, change, lower, upper, p_value)

@@ -48,7 +48,7 @@ class Drift:
         Probability of such a slope where there is none.
     runs : int
         That it rests on.
-    is_seen : bool
+    is_significant : bool
         Whether it differs from zero, all slopes of the lot considered.
     """
 
@@ -59,7 +59,7 @@ class Drift:
     error: float
     p_value: float
     runs: int
-    is_seen: bool = False
+    is_significant: bool = False
 
 
 def drifts_of(lot: Lot) -> list[Drift]:
@@ -73,7 +73,7 @@ def drifts_of(lot: Lot) -> list[Drift]:
         known = here.where(np.isfinite(here["level_mean"]))
         found += _slopes(known, axis, "level", known["level_mean"])
     level = FALSE_ALARMS / max(len(found), 1)
-    return [replace(one, is_seen=one.p_value < level) for one in found]
+    return [replace(one, is_significant=one.p_value < level) for one in found]
 
 
 def started_days(lot: Lot) -> Floats:

@@ -46,8 +46,8 @@ def write_lot(
     result.copies = find_duplicates(result.keys)
     originals = sorted(result.keys.keys() - result.copies.keys())
     names = UnitNames(originals, settings.unit_pattern)
-    with staged(store.folder) as here:
-        table = here / "lot.parquet"
+    with staged(store.folder) as folder:
+        table = folder / "lot.parquet"
         with progress(
             float(len(originals)), "table", unit="recordings", quiet=settings.quiet
         ) as advance:
@@ -66,7 +66,7 @@ def write_lot(
         result.acceptance = accept(lot, limits) if limits else None
         with (
             progress(float(STAGES), "report", unit="parts", quiet=settings.quiet) as advance,
-            atomic_folder(here / "units") as pages,
+            atomic_folder(folder / "units") as pages,
         ):
             page = render_lot(
                 lot,
@@ -78,7 +78,7 @@ def write_lot(
                 put_page=lambda name, text: write_text(pages / name, text),
                 advance=advance,
             )
-        write_text(here / "lot.html", page)
+        write_text(folder / "lot.html", page)
     result.table = store.folder / "lot.parquet"
     result.report = store.folder / "lot.html"
 
@@ -98,27 +98,27 @@ def find_lot(place: str) -> Lot | None:
         if isinstance(folder, Path):
             table = folder / "lot.parquet"
             return Lot.read(table if table.exists() else folder)
-        with TemporaryDirectory(prefix="allanscope-") as here:
-            return Lot.read(_downloaded(folder, Path(here)))
+        with TemporaryDirectory(prefix="allanscope-") as copies:
+            return Lot.read(_downloaded(folder, Path(copies)))
     except (OSError, ValueError, KeyError) as error:
         why = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         raise InputError(f"{place} is not the result of a fleet: {why}") from None
 
 
-def _downloaded(place: RemotePath, here: Path) -> Path:
+def _downloaded(remote: RemotePath, folder: Path) -> Path:
     """Return a copy of a table, or of the one in a folder; of a partitioned one all its files."""
-    there = place if place.suffix == ".parquet" else place / "lot.parquet"
-    table = here / "lot.parquet"
+    source = remote if remote.suffix == ".parquet" else remote / "lot.parquet"
+    table = folder / "lot.parquet"
     parts = {
-        part.url.rpartition(f"/{there.name}/")[2]: part
-        for part in there.glob("**/*.parquet")
-        if f"/{there.name}/" in part.url and ".." not in part.url.split("/")
+        part.url.rpartition(f"/{source.name}/")[2]: part
+        for part in source.glob("**/*.parquet")
+        if f"/{source.name}/" in part.url and ".." not in part.url.split("/")
     }
     for name, part in parts.items():
         (table / name).parent.mkdir(parents=True, exist_ok=True)
         (table / name).write_bytes(part.read_bytes())
     if not parts:
-        table.write_bytes(there.read_bytes())
+        table.write_bytes(source.read_bytes())
     return table
 
 

@@ -118,11 +118,11 @@ def render_lot(
         if (lot["sensor_unit"] == unit).any()
     ]
     listed = done(_units(lot, units.tolist(), [*rejected, *named]))
-    judged = _judged(acceptance, compared, other_name)
+    limit_lines = _limit_lines(acceptance, compared, other_name)
     page = template("lot.html.j2").render(
         title=f"Lot of {len(units)} units",
         subtitle=_subtitle(lot),
-        verdict=lot_verdict(lot, named, shared, failures, judged),
+        verdict=lot_verdict(lot, named, shared, failures, limit_lines),
         sensors=sensors,
         outliers=[_linked(one, put_page) for one in named[:MOST_ROWS]],
         acceptance=acceptance,
@@ -163,7 +163,7 @@ def _linked(one: Finding, put_page: object) -> dict[str, str]:
     }
 
 
-def _judged(
+def _limit_lines(
     acceptance: Acceptance | None, compared: list[Difference], other_name: str
 ) -> list[VerdictLine]:
     """Return the lines of the verdict about limits, and about another lot."""
@@ -172,7 +172,7 @@ def _judged(
         grade: Grade = "bad" if acceptance.rejected else "good"
         lines.append(VerdictLine(grade, "limits", acceptance.words))
     if compared:
-        seen = [f"{one.quantity} of {one.axis}" for one in compared if one.is_seen]
+        seen = [f"{one.quantity} of {one.axis}" for one in compared if one.is_significant]
         text = f"{', '.join(seen[:8])}{' …' * (len(seen) > 8)} differ" if seen else "no difference"
         text += f"; {len(compared)} quantities compared at 1 % in all"
         lines.append(VerdictLine("note" if seen else "good", f"against {other_name}", text))
@@ -193,11 +193,11 @@ def _difference(lot: Lot, one: Difference) -> dict[str, Any]:
     return {
         "axis": one.axis,
         "name": f"{one.quantity} ({unit})",
-        "here": number(factor * one.here, 6 if one.quantity == "rate" else 3),
-        "there": number(factor * one.there, 6 if one.quantity == "rate" else 3),
+        "here": number(factor * one.value, 6 if one.quantity == "rate" else 3),
+        "there": number(factor * one.other, 6 if one.quantity == "rate" else 3),
         "change": f"{change} {of}",
         "chance": _probability(one.p_value),
-        "seen": "differs" if one.is_seen else "",
+        "seen": "differs" if one.is_significant else "",
     }
 
 
@@ -337,7 +337,7 @@ def _drifts(lot: Lot) -> list[dict[str, Any]]:
             | dict.fromkeys(("date", "temperature"), "–"),
         )
         row[one.on] = _slope(lot, one)
-        if one.is_seen:
+        if one.is_significant:
             row["seen"].append(one.on)
     return list(rows.values())
 

@@ -61,17 +61,17 @@ class Store:
         self._device = device
         try:
             self._index = _opened_index(self.folder)
-            self._seen = dict(_lines(self.folder))
+            self._known = dict(_lines(self.folder))
             kept = self.folder.glob("results/*/*.json.gz")
             self._kept = {path.name.removesuffix(".json.gz") for path in kept}
         except (OSError, NotImplementedError) as error:
             why = getattr(error, "strerror", None) or str(error) or type(error).__name__
             raise UsageError(f"cannot write to {folder}: {why}") from None
-        self._sizes = {seen["size"] for seen in self._seen.values()}
+        self._sizes = {seen["size"] for seen in self._known.values()}
 
     def known(self, item: RecordingInput) -> str:
         """Return the key of the result of a recording that has not changed since; else nothing."""
-        seen = self._seen.get(item.url)
+        seen = self._known.get(item.url)
         if not seen or not item.stamp or seen["state"] != _state(item):
             return ""
         key = result_key(seen["sha256"], self._device)
@@ -79,7 +79,7 @@ class Store:
 
     def files_of(self, item: RecordingInput) -> tuple[str, ...]:
         """Return the names of the files that made up a known recording."""
-        return tuple(self._seen[item.url]["files"])
+        return tuple(self._known[item.url]["files"])
 
     def may_contain(self, item: RecordingInput) -> bool:
         """Whether some known recording is as long, so that this may be it under another name."""
@@ -100,7 +100,7 @@ class Store:
             "sha256": outcome.sha256,
             "files": list(outcome.files),
         }
-        self._seen[item.url] = seen
+        self._known[item.url] = seen
         self._sizes.add(item.size)
         try:
             self._index.write(json.dumps(seen) + "\n")

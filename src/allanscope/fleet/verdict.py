@@ -295,9 +295,9 @@ def lot_verdict(
     named: list[Finding],
     shared: list[SharedEffect],
     failures: Mapping[str, str],
-    judged: Sequence[VerdictLine] = (),
+    limit_lines: Sequence[VerdictLine] = (),
 ) -> Verdict:
-    """Return the verdict that the report begins with; `judged` are lines of limits and lots."""
+    """Return the verdict of the report; `limit_lines` are on limits and on another lot."""
     units = len(np.unique(lot.units))
     runs = len(set(lot["recording"].tolist()))
     bad = sorted({one.unit for one in named})
@@ -307,14 +307,14 @@ def lot_verdict(
         VerdictLine("bad", title, f"{_some(bad)}; {size}")
         if bad
         else VerdictLine("good", title, size),
-        *judged,
+        *limit_lines,
         *_run_lines(lot),
         *_loss_lines(lot),
         *_rack_lines(shared, units),
     ]
     if failures:
         lines.append(VerdictLine("bad", "no result", f"{len(failures)} of the recordings"))
-    is_bad = bad or failures or any(line.grade == "bad" for line in judged)
+    is_bad = bad or failures or any(line.grade == "bad" for line in limit_lines)
     return Verdict("bad" if is_bad else "good", title, tuple(lines))
 
 

@@ -175,8 +175,8 @@ def summary_lines(result: FleetResult) -> list[str]:
     if result.left:
         text += f"; {result.left} left: repeat the command to continue"
     files = [str(path) for path in (result.table, result.report) if path is not None]
-    judged = [] if result.acceptance is None else [result.acceptance.words]
-    return [text, *judged, *files]
+    accepted = [] if result.acceptance is None else [result.acceptance.words]
+    return [text, *accepted, *files]
 
 
 def _some(lines: Sequence[str]) -> list[str]:

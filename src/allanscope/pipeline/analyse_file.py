@@ -70,7 +70,9 @@ def analyse_input(
     decoding = Decoding(device.for_wire(), device.wire)
     settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
     analyser = Analyser(settings)
-    feed_analyser(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
+    feed_analyser(
+        path, decoding, analyser, quiet, on_buffer=fingerprint.add if fingerprint else None
+    )
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
         raise InputError(f"{path} contains no samples; {why}")

@@ -119,7 +119,7 @@ def check_against(recording: Path, specification: Path, device: DeviceSettings) 
 def compare(analysis: Analysis, limits: Limits) -> list[Verdict]:
     """Return a verdict for each limit, axis by axis."""
     return [
-        _judged(analysis, axis, name, bounds)
+        _verdict_on(analysis, axis, name, bounds)
         for axis in AXES
         for name, bounds in limits.get(axis, {}).items()
     ]
@@ -184,7 +184,7 @@ def _measured(axis: AxisAnalysis, name: str) -> Coefficient | None:
     return before
 
 
-def _judged(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) -> Verdict:
+def _verdict_on(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) -> Verdict:
     minimum, maximum = bounds.get("min"), bounds.get("max")
     there = analysis.axes.get(axis)
     found = _measured(there, name) if there is not None else None

@@ -59,7 +59,7 @@ class LiveSession:
         """
         if self._final is not None:
             return self._final
-        while not self._newest.has_come.wait(0.1):
+        while not self._newest.has_result.wait(0.1):
             if self._ended.is_set():
                 break
         if self._error is not None:
@@ -147,7 +147,7 @@ class _NewestResult:
 
     def __init__(self) -> None:
         self.newest: Analysis | None = None
-        self.has_come = threading.Event()
+        self.has_result = threading.Event()
         self.notices: list[str] = []
 
     def info(self, info: StreamInfo) -> None:
@@ -167,7 +167,7 @@ class _NewestResult:
     def snapshot(self, analysis: Analysis) -> None:
         """Keep the result."""
         self.newest = analysis
-        self.has_come.set()
+        self.has_result.set()
 
 
 def live(

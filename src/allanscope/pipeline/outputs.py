@@ -315,7 +315,9 @@ def short_names(paths: list[Path]) -> list[str]:
     return [str(path.relative_to(shared)) for path in whole]
 
 
-def open_charts(source: str, view: ViewMode, port: int | None, say: Callable[[str], None]) -> None:
+def open_charts(
+    source: str, view: ViewMode, port: int | None, report: Callable[[str], None]
+) -> None:
     """Show what a session has drawn, until the window is closed or Ctrl-C ends the page.
 
     Parameters
@@ -326,7 +328,7 @@ def open_charts(source: str, view: ViewMode, port: int | None, say: Callable[[st
         ``auto`` is a window where there is a display, else the web viewer.
     port : int or None
         Of the page, with the data at the one after it; None for any free ones.
-    say : callable
+    report : callable
         Called with a line for the user.
 
     Raises
@@ -347,9 +349,9 @@ def open_charts(source: str, view: ViewMode, port: int | None, say: Callable[[st
                 return
             if view == "window":
                 raise DeviceError("no window can be opened here; use --view web")
-            say("no window can be opened here")
+            report("no window can be opened here")
         viewer = ViewerProcess(charts, web=True, port=port)
-        say(f"charts: {viewer.address}  (Ctrl-C ends)")
+        report(f"charts: {viewer.address}  (Ctrl-C ends)")
         if has_display():
             webbrowser.open(viewer.address)
         if _shown(viewer, stopped):

@@ -58,11 +58,11 @@ def events_of(
     decoding: Decoding,
     quiet: bool,
     doing: str,
-    seen: Callable[[Buffer], None] | None = None,
+    on_buffer: Callable[[Buffer], None] | None = None,
 ) -> Iterator[Event]:
     """Yield the events of a recording or a capture, in order, to its end.
 
-    `seen` is shown every piece of the file, in another thread.
+    `on_buffer` is called with every piece of the file, in another thread.
 
     Raises
     ------
@@ -74,8 +74,8 @@ def events_of(
 
     def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[float, list[Event]]]:
         for buffer in buffers:
-            if seen is not None:
-                seen(buffer)
+            if on_buffer is not None:
+                on_buffer(buffer)
             yield length.of_buffer(buffer), decoding.feed_buffer(buffer)
         yield 0.0, [*decoding.finish(), *_damage_of(source)]
 
@@ -111,10 +111,10 @@ def feed_analyser(
     decoding: Decoding,
     analyser: Analyser,
     quiet: bool,
-    seen: Callable[[Buffer], None] | None = None,
+    on_buffer: Callable[[Buffer], None] | None = None,
 ) -> Analyser:
     """Take a whole file into an analyser and return it."""
-    events = events_of(path, decoding, quiet, "analysing", seen)
+    events = events_of(path, decoding, quiet, "analysing", on_buffer)
     for event in joined(events, analyser.settings.buffered_rows):
         analyser.feed(event)
     return analyser

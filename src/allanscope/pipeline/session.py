@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 from allanscope.analysis import FEWEST_ROWS, Analyser, Analysis, Depth, event_dict, summarise
 from allanscope.pipeline.decoding import Decoding
@@ -159,7 +159,7 @@ class Session:
         self.loop_process = LoopProcess(fail=self.fail, report=self._remark)
         self._refresher = Refresher(self._show, policy, self.fail)
         self._space_due_ns = 0
-        self._space_told = False
+        self._space_reported = False
         self._first_result_s = 0.0
 
     def stop(self) -> None:
@@ -246,12 +246,9 @@ class Session:
             return  # so soon after the start the rate of writing is not known
         hours = left_s / 3600.0
         text = f"the disk has room for {duration(left_s)}"
-        self._emit(
-            Notice(
-                "status" if self._space_told else "text", text, {"host": 1, "disk_left_h": hours}
-            )
-        )
-        self._space_told = True
+        kind: Literal["status", "text"] = "status" if self._space_reported else "text"
+        self._emit(Notice(kind, text, {"host": 1, "disk_left_h": hours}))
+        self._space_reported = True
 
     def _read(self) -> None:
         """Move chunks from the source to the recorder and the queue; the reader thread."""

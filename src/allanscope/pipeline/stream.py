@@ -41,7 +41,7 @@ class Stream(Iterator[Block | Gap]):
         self._patience_s = patience_s
         self._waiting: deque[Event] = deque()
         self._info: StreamInfo | None = None
-        self._heard = False
+        self._has_received = False
         self._ended = False
 
     @property
@@ -116,9 +116,9 @@ class Stream(Iterator[Block | Gap]):
                 return bool(self._waiting)
             self._waiting += self._decoding.feed(chunk)
             if self._waiting:
-                self._heard = True
+                self._has_received = True
                 return True
-            if not self._heard and time.monotonic() - began > self._patience_s:
+            if not self._has_received and time.monotonic() - began > self._patience_s:
                 raise no_samples_error(self._source)
         return False
 

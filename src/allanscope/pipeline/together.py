@@ -130,7 +130,7 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
         raise UsageError(f"give 2 to {_MOST} recordings; got {len(paths)}")
     names = tuple(short_names(list(paths)))
     results = [analyse_input(path, device, quiet) for path in paths]
-    seen = [_seen(one) for one in results]
+    seen = [_lines_of(one) for one in results]
     lines = tuple(
         (names[i], names[j], line)
         for i, j in combinations(range(len(names)), 2)
@@ -147,7 +147,7 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
     return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))
 
 
-def _seen(one: Analysis) -> RecordedLines | None:
+def _lines_of(one: Analysis) -> RecordedLines | None:
     """Return the lines of a result; None where its rate was not measured."""
     ppm = one.rate.uncertainty_ppm
     if ppm is None:

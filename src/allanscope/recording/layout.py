@@ -42,7 +42,7 @@ __all__ = [
     "TOPICS",
     "circumstances",
     "first_segment",
-    "is_sound",
+    "is_intact",
     "sealed",
     "segment_number",
     "segment_path",
@@ -154,7 +154,7 @@ def sealed(metadata: Mapping[str, str]) -> dict[str, str]:
     return {**plain, SEAL: _checksum(plain)}
 
 
-def is_sound(metadata: Mapping[str, str]) -> bool:
+def is_intact(metadata: Mapping[str, str]) -> bool:
     """Return whether the metadata is what was written."""
     plain = {key: value for key, value in metadata.items() if key != SEAL}
     return metadata.get(SEAL) == _checksum(plain)

@@ -17,7 +17,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 
 from allanscope.errors import InputError
-from allanscope.recording.layout import MAGIC, PROFILE, SEAL, is_sound
+from allanscope.recording.layout import MAGIC, PROFILE, SEAL, is_intact
 from allanscope.recording.records import (
     END_BYTES,
     HEAD_BYTES,
@@ -179,7 +179,7 @@ class _Walk:
         if found is None or found[0] != PROFILE:
             return found is not None
         pairs = found[1]
-        sound = is_sound(pairs)
+        sound = is_intact(pairs)
         if not sound:
             self._report(position, HEADER.size + length, "the metadata is damaged")
         if sound or not self.outline.metadata:

@@ -111,7 +111,7 @@ class SerialSource:
         self._next_try_ns = 0
         self._lost_ns = 0
         self._link: Transport | None = self._open_first(name)
-        self._heard_ns = clock()
+        self._last_data_ns = clock()
 
     @property
     def name(self) -> str:
@@ -187,7 +187,7 @@ class SerialSource:
         if isolated and isolated.is_reading:
             self._pause_s = TAKE_EVERY_S
         else:
-            pause_s = self._pace.after(len(data), now - self._heard_ns)
+            pause_s = self._pace.after(len(data), now - self._last_data_ns)
             self._pause_s = self._pace.unevenly(pause_s)
         event: LinkEvent = "resumed" if self._stalled else "overrun" if self._overrun else ""
         self._overrun = False
@@ -199,13 +199,13 @@ class SerialSource:
             if self._overrun or (is_short and self._was_short):
                 self._waited = None
             self._was_short = is_short
-        self._streaming, self._stalled, self._heard_ns = True, False, now
+        self._streaming, self._stalled, self._last_data_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
 
     def _stall(self, now: int) -> LinkEvent:
         """Report once that a streaming device stopped sending: one that hangs raises no error."""
-        silent = now - self._heard_ns > self._settings.stall_s * 1e9
+        silent = now - self._last_data_ns > self._settings.stall_s * 1e9
         if not silent or not self._streaming or self._stalled:
             return ""
         self._stalled = True
@@ -247,8 +247,8 @@ class SerialSource:
             return Chunk(now)
         self.trouble = ""
         self._retry_s = min(2.0 * self._retry_s, LAST_RETRY_S)  # until it proves to be alive
-        self._heard_ns = self._clock()
-        return Chunk(self._heard_ns, event="reconnected")
+        self._last_data_ns = self._clock()
+        return Chunk(self._last_data_ns, event="reconnected")
 
     def _reopen(self) -> None:
         name, port = self._name, self._port

@@ -190,7 +190,7 @@ def table_of_file(path: Path, stream: str = "") -> TableFile:
     stream : str
         Which one of several sensors it is about: the topic of a bag or a log, the part in a
         folder of HSDatalog or libiio. Without it the one with the most samples is taken, and the
-        others are said.
+        others are reported.
 
     Raises
     ------

@@ -175,8 +175,8 @@ def columns_of_found(found: Found) -> Columns:
         )
     if not left_out:
         return columns
-    said = f"left out, as their names are not known: {' '.join(left_out)[:200]}"
-    return replace(columns, assumed=(*columns.assumed, said))
+    remark = f"left out, as their names are not known: {' '.join(left_out)[:200]}"
+    return replace(columns, assumed=(*columns.assumed, remark))
 
 
 def _is_axis(name: str) -> bool:

@@ -67,18 +67,18 @@ def read(path: Path, stream: str = "") -> TableFile:
     chosen = stream.lower() or max(
         parts, key=lambda one: ("gyro" in parts[one], sum(_size(path, one, k) for k in parts[one]))
     )
-    said: list[str] = []
+    remarks: list[str] = []
     if others := [one for one in parts if one != chosen]:
-        said.append(f"the part is {chosen}; --stream selects another: {' '.join(others)}")
+        remarks.append(f"the part is {chosen}; --stream selects another: {' '.join(others)}")
     found = {
-        kind: _sensor(path / f"{chosen}_{kind}.dat", kind, status, interface == 0, said)
+        kind: _sensor(path / f"{chosen}_{kind}.dat", kind, status, interface == 0, remarks)
         for kind, status in sorted(parts[chosen].items(), reverse=True)  # the gyroscope first
     }
     if len(found) == len(_KINDS):
         pair = _together(found["gyro"], found["acc"])
         if pair is None:
             del found["acc"]
-            said.append("the accelerometer is ignored: its rows have other times")
+            remarks.append("the accelerometer is ignored: its rows have other times")
         else:
             found["gyro"], found["acc"] = pair
     axes, scales = {}, {}
@@ -86,7 +86,7 @@ def read(path: Path, stream: str = "") -> TableFile:
         for i, axis in enumerate(_KINDS[kind]):
             axes[axis], scales[axis] = sensor.counts[:, i], sensor.scale
     time_s = next(iter(found.values())).time_s
-    columns = Columns(axes, dict.fromkeys(axes, "lsb"), time_s, None, scales, tuple(said))
+    columns = Columns(axes, dict.fromkeys(axes, "lsb"), time_s, None, scales, tuple(remarks))
     name = chosen.upper()
     return TableFile(columns, "hsdatalog", part=name if name in PARTS else "")
 
@@ -109,7 +109,7 @@ def _object(path: Path) -> Mapping[str, Any]:
 
 
 def _parts(path: Path) -> dict[str, dict[str, Mapping[str, Any]]]:
-    """Return what is said of each sensor, by the name of its part and its kind."""
+    """Return what is known of each sensor, by the name of its part and its kind."""
     devices = _object(path / "device_config.json").get("devices")
     device = devices[0] if isinstance(devices, list) and devices else None
     components = device.get("components") if isinstance(device, dict) else None
@@ -133,9 +133,9 @@ def _number(status: Mapping[str, Any], name: str, low: float, high: float) -> fl
 
 
 def _sensor(
-    file: Path, kind: str, status: Mapping[str, Any], on_card: bool, said: list[str]
+    file: Path, kind: str, status: Mapping[str, Any], on_card: bool, remarks: list[str]
 ) -> _Sensor:
-    """Return the samples of one .dat; add to `said` what was assumed."""
+    """Return the samples of one .dat; add to `remarks` what was assumed."""
     if status.get("data_type") != "int16" or status.get("dim") != 3:
         raise ValueError(f"{file.name}: not three axes of int16")
     if file.stat().st_size > MOST_BYTES:
@@ -143,7 +143,7 @@ def _sensor(
     rows = int(_number(status, "samples_per_ts", 1, 1e6))
     scale = float(f"{_number(status, 'sensitivity', 1e-9, 1e3):.6g}")  # a float32 in the file
     if kind == "gyro" and scale > _LARGEST_DPS:
-        said.append(f"a gyroscope's sensitivity of {scale:g} is assumed to be in mdps, not dps")
+        remarks.append(f"a gyroscope's sensitivity of {scale:g} is assumed to be in mdps, not dps")
         scale = float(f"{scale / 1000.0:.6g}")
     size = int(_number(status, "sd_dps" if on_card else "usb_dps", 8, 1e7))
     data, there = _joined(file.read_bytes(), size if on_card else size + _COUNTER)

@@ -74,9 +74,9 @@ def read(path: Path, stream: str = "") -> TableFile:
     chosen = stream.lower() or max(
         parts, key=lambda one: any("gx" in device.layout.axes for device in parts[one])
     )
-    said = []
+    remarks = []
     if others := [one for one in parts if one != chosen]:
-        said.append(f"the part is {chosen}; --stream selects another: {' '.join(others)}")
+        remarks.append(f"the part is {chosen}; --stream selects another: {' '.join(others)}")
     part = chosen.upper() if chosen.upper() in PARTS else ""
     devices = sorted(parts[chosen], key=lambda one: "gx" not in one.layout.axes)
     found = [_samples(one) for one in devices]
@@ -91,7 +91,7 @@ def read(path: Path, stream: str = "") -> TableFile:
             scales[axis] = scale_of(axis, device.per_count[axis], part)
     axes = {axis: columns[axis] for axis in AXES if axis in columns}
     time_s = (found[0].times - found[0].times[:1]).astype(np.float64) * 1e-9
-    table = Columns(axes, dict.fromkeys(axes, "lsb"), time_s, None, scales, tuple(said))
+    table = Columns(axes, dict.fromkeys(axes, "lsb"), time_s, None, scales, tuple(remarks))
     return TableFile(table, "iio", part=part)
 
 

@@ -209,18 +209,18 @@ class _Bag:
         chosen = self.topics[self._wanted or max(there, key=lambda one: one.rows).name]
         if not chosen.rows:
             raise ValueError(f"no message of {chosen.name}")
-        said = list(self.remarks)
+        remarks = list(self.remarks)
         left = [topic.name for topic in there if topic is not chosen]
         if left:
-            said.append(f"the topic is {chosen.name}; --stream selects another: {_listed(left)}")
-        return _columns(chosen, said)
+            remarks.append(f"the topic is {chosen.name}; --stream selects another: {_listed(left)}")
+        return _columns(chosen, remarks)
 
 
 def _listed(names: Iterable[str]) -> str:
     return (" ".join(names) or "none")[:200]
 
 
-def _columns(topic: _Topic, said: list[str]) -> Columns:
+def _columns(topic: _Topic, remarks: list[str]) -> Columns:
     """Return the samples of a topic in the order of their times."""
     logged, times = np.concatenate(topic.logged), np.concatenate(topic.stamped)
     values = np.empty((len(AXES), len(times)))
@@ -230,12 +230,12 @@ def _columns(topic: _Topic, said: list[str]) -> Columns:
         values[:, start : start + len(piece)] = piece.T
         start += len(piece)
     if len(times) > 1 and (np.ptp(times) == 0 or (np.diff(times) == 0).mean() > 0.5):
-        said.append("the messages have no time stamps: the times of the bag are used")
+        remarks.append("the messages have no time stamps: the times of the bag are used")
         times = logged
     if (np.diff(times) < 0).any():
         order = np.argsort(times, kind="stable")
         times, values = times[order], values[:, order]
-        said.append("messages out of order are sorted by time")
+        remarks.append("messages out of order are sorted by time")
     measured = [topic.gyro] * 3 + [topic.accel] * 3
     for first in (0, 3):
         if not values[first : first + 3].any():
@@ -245,12 +245,12 @@ def _columns(topic: _Topic, said: list[str]) -> Columns:
         raise ValueError(f"{topic.name} holds neither rates nor accelerations")
     bad = ~np.isfinite(values).all(axis=0)
     if bad.any():
-        said.append(f"{int(bad.sum())} messages with values that are not finite are left out")
+        remarks.append(f"{int(bad.sum())} messages with values that are not finite are left out")
         axes = {axis: column[~bad] for axis, column in axes.items()}
         times = times[~bad]
     units = {axis: "rad/s" if axis[0] == "g" else "m/s2" for axis in axes}
     time_s = np.asarray((times - times[:1]) * 1e-9, np.float64)
-    return Columns(axes, units, time_s, assumed=tuple(said))
+    return Columns(axes, units, time_s, assumed=tuple(remarks))
 
 
 # --- SQLite -------------------------------------------------------------------------------------

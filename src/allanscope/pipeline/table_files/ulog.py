@@ -63,7 +63,7 @@ def read(path: Path, stream: str = "") -> TableFile:
         raise ValueError(f"no topic {stream}; there is {', '.join(found)}")
     chosen = wanted if stream else max(found, key=lambda one: _rank(one, found[one]))
     others = [one for one in found if one != chosen]
-    said = [f"the topic is {chosen}"]
+    remarks = [f"the topic is {chosen}"]
     times, axes = _samples(chosen, found[chosen])
     partner = chosen.replace("sensor_gyro", "sensor_accel")
     if partner != chosen and partner in found:
@@ -75,13 +75,13 @@ def read(path: Path, stream: str = "") -> TableFile:
             axes = {name: values[mine] for name, values in axes.items()}
             axes |= {name: values[theirs] for name, values in other_axes.items()}
         else:
-            said.append(f"{partner} is ignored: its rows have other times")
+            remarks.append(f"{partner} is ignored: its rows have other times")
     if others:
-        said[0] += f"; --stream selects another: {', '.join(others)}"
+        remarks[0] += f"; --stream selects another: {', '.join(others)}"
     units = {axis: "rad/s" if axis[0] == "g" else "m/s2" for axis in axes}
     time_s = (times - times[:1]).astype(np.float64) * 1e-9
-    remarks = tuple(said if others or len(said) > 1 else ())
-    return TableFile(Columns(axes, units, time_s, None, {}, remarks), "ulog")
+    assumed = tuple(remarks if others or len(remarks) > 1 else ())
+    return TableFile(Columns(axes, units, time_s, None, {}, assumed), "ulog")
 
 
 def _rank(name: str, data: dict[str, NDArray[Any]]) -> tuple[bool, int]:

@@ -152,7 +152,7 @@ class IioSource:
                 return self._disconnect()
             now = self._clock()
             if came:
-                self._heard_ns = now
+                self._last_data_ns = now
                 self._frame()
             event: LinkEvent = "resumed" if came and self._stalled else ""
             if came:
@@ -210,7 +210,7 @@ class IioSource:
         self._numbering = Numbering(1e9 / rate if rate else 0.0)
         self._first_ns: int | None = None
         self._produced = self._sent = 0
-        self._heard_ns = self._began_ns = self._clock()
+        self._last_data_ns = self._began_ns = self._clock()
         self._next_ns = self._began_ns + int(TELL_S * 1e9)
         self._out += self._encoder.describe(self._info)
 
@@ -242,7 +242,7 @@ class IioSource:
         return came
 
     def _is_silent(self, now: int) -> bool:
-        return now - self._heard_ns > self._settings.stall_s * 1e9
+        return now - self._last_data_ns > self._settings.stall_s * 1e9
 
     # --- scans to frames ----------------------------------------------------------------------
 

@@ -59,12 +59,12 @@ class SDatalogFormat(WireFormat):
     def score(self, sample: bytes) -> float:
         """Return 1 for two packets of samples or a response, 0.7 for one or a beacon alone."""
         found = [packet for packet in Unpacker().feed(sample) if packet is not None]
-        payloads = sum(_is_sound(packet) for packet in found)
+        payloads = sum(_is_valid(packet) for packet in found)
         alone = len(sample) < 64 and any(packet.type == packets.BEACON for packet in found)
         return 1.0 if payloads > 1 else 0.7 if payloads or alone else 0.0
 
 
-def _is_sound(packet: packets.Packet) -> bool:
+def _is_valid(packet: packets.Packet) -> bool:
     """Return whether it is one that a board sends, with a number of 0 where nothing counts."""
     if packet.kind == packets.RESPONSE:
         return packet.last or bool(packet.content)

@@ -173,7 +173,7 @@ class SDatalogDecoder:
         self._unpacker = Unpacker()
         self._conversation = Conversation(settings)
         self._rows = RowEvents(self.stats, self._decide)
-        self._told: Status | None = None
+        self._status: Status | None = None
         self._sensors: dict[int, Sensor] = {}
         self._frames: dict[int, HSDatalogFrames] = {}
         self._halves = SensorPairing((), math.inf)
@@ -214,7 +214,7 @@ class SDatalogDecoder:
         return self._rows.events(final=True)
 
     def _data(self, packet: Packet, host_s: float) -> list[Event]:
-        if self._told is None:
+        if self._status is None:
             return self._request_configuration()
         sensor = self._sensors.get(packet.channel)
         if sensor is None:
@@ -250,9 +250,9 @@ class SDatalogDecoder:
             return []
         events: list[Event] = []
         status = self._conversation.status
-        if status is not None and status != self._told:
-            changed = _scales_and_rate(status) != _scales_and_rate(self._told)
-            self._told = status
+        if status is not None and status != self._status:
+            changed = _scales_and_rate(status) != _scales_and_rate(self._status)
+            self._status = status
             if changed:
                 events += self._rows.change()
                 self._learn(status)
@@ -275,7 +275,7 @@ class SDatalogDecoder:
 
     def _decide(self, rows: list[Row]) -> Interpretation | None:
         sensors = {one.kind: one for one in self._sensors.values()}
-        if not sensors or self._told is None:
+        if not sensors or self._status is None:
             return None
         of_axis = {axis: sensors.get("gyro" if axis[0] == "g" else "acc") for axis in AXES}
         measured = {axis: sensor for axis, sensor in of_axis.items() if sensor is not None}
@@ -291,7 +291,7 @@ class SDatalogDecoder:
             time_resolution_s=_RESOLUTION_S,
             device_clock=True,
             epoch=self._epoch,
-            details=self._told.details,
+            details=self._status.details,
         )
 
         def convert(new: Values) -> tuple[NDArray[Any], NDArray[np.bool_]]:

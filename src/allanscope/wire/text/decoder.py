@@ -163,7 +163,7 @@ class TextDecoder:
         if self._sentences and sentence.name != self._sentences:
             self.stats.unknown += 1
             return []
-        if not sentence.sound:
+        if not sentence.checksum_ok:
             self.stats.crc_errors += 1
             self._damage()
             return []

@@ -86,7 +86,7 @@ class TextInterpreter:
         self._part = part_named(settings.part) if settings.part else PARTS["LSM6DSM"]
         self._scale_of_counts("gyro")
         self._scale_of_counts("accel")
-        self._said: dict[Quantity, str] = {}
+        self._stated: dict[Quantity, str] = {}
         self._assumed: tuple[str, ...] = ()
         self._table: Table | None = None
         self._by_position = ""
@@ -118,7 +118,7 @@ class TextInterpreter:
             Why it is only by their place that its columns are a gyroscope or an accelerometer;
             empty where they have names.
         """
-        self._said = dict(units)
+        self._stated = dict(units)
         self._assumed = assumed
         self._table = table
         self._by_position = by_position
@@ -249,7 +249,7 @@ class TextInterpreter:
         return units
 
     def _unit(self, sensor: Quantity, values: Values, remarks: list[str]) -> str:
-        unit = self.given.get(sensor) or self._said.get(sensor, "")
+        unit = self.given.get(sensor) or self._stated.get(sensor, "")
         if not unit:
             by_gravity = unit_by_gravity(values) if sensor == "accel" else ""
             unit = by_gravity or ("lsb" if _whole(values) else _USUAL[sensor])

@@ -69,13 +69,13 @@ class Sentence:
     name : bytes
     values : bytes
         What lies between name and checksum.
-    sound : bool
+    checksum_ok : bool
         Whether the checksum is right; a sentence without one is taken as it is.
     """
 
     name: bytes
     values: bytes
-    sound: bool
+    checksum_ok: bool
 
     @property
     def columns(self) -> Columns | None:
@@ -87,13 +87,13 @@ def sentence_in(line: bytes) -> Sentence | None:
     """Return the sentence that a line is, None for any other line.
 
     >>> sentence_in(b"$VNGYR,-00.001,+00.002,+00.003*4B")
-    Sentence(name=b'VNGYR', values=b'-00.001,+00.002,+00.003', sound=True)
+    Sentence(name=b'VNGYR', values=b'-00.001,+00.002,+00.003', checksum_ok=True)
     """
     match = _SENTENCE.fullmatch(line) if line[:1] in b"$!" else None
     if match is None:
         return None
-    sound = match[4] in (None, b"XX") or reduce(xor, match[1]) == int(match[4], 16)
-    return Sentence(match[2], match[3], sound)
+    checksum_ok = match[4] in (None, b"XX") or reduce(xor, match[1]) == int(match[4], 16)
+    return Sentence(match[2], match[3], checksum_ok)
 
 
 LabelledRow = tuple[tuple[float, ...], float]

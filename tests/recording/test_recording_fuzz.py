@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from allanscope.errors import InputError
 from allanscope.recording import Chunk, Recording, is_recording, write_recording
-from allanscope.recording.layout import MAGIC
+from allanscope.recording.layout import MCAP_MAGIC
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def read_everything(path: Path) -> int:
 @given(st.binary(max_size=600), st.booleans())
 def test_any_bytes(folder: Path, content: bytes, magic: bool) -> None:
     path = folder / "any.mcap"
-    path.write_bytes(MAGIC * magic + content)
+    path.write_bytes(MCAP_MAGIC * magic + content)
     read_everything(path)
 
 
@@ -84,7 +84,7 @@ def message_record(data: bytes, channel: int = 1) -> bytes:
     return struct.pack("<BQHIQQ", 5, 22 + len(data), channel, 1, 1, 1) + data
 
 
-HEADER = MAGIC + struct.pack("<BQI", 1, 18, 10) + b"allanscope" + struct.pack("<I", 0)
+HEADER = MCAP_MAGIC + struct.pack("<BQI", 1, 18, 10) + b"allanscope" + struct.pack("<I", 0)
 
 
 @pytest.mark.parametrize("honest", [True, False])

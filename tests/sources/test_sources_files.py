@@ -127,6 +127,7 @@ def test_a_torn_compressed_file_says_where(tmp_path: Path, cut: int) -> None:
     packed = gzip.compress(os.urandom(300_000))
     (tmp_path / "log.gz").write_bytes(packed[:-cut])
     source = FileSource(tmp_path / "log.gz")
+    assert source.size is None
     with pytest.raises(InputError, match="compressed data is damaged after"):
         drain(source)
     source.close()
@@ -183,6 +184,7 @@ def test_a_file_that_cannot_be_read_is_one_clear_line(
 def test_a_file_can_be_closed_half_way(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(bytes(1_000_000))
     source = FileSource(tmp_path / "a.bin")
+    assert source.size == (tmp_path / "a.bin").stat().st_size
     source.read()
     source.write(b"ignored")
     source.close()

@@ -125,8 +125,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
         raise InputError(f"{source} contains no samples; nothing to import")
     facts = {**device.metadata(), "name": source.name, "wire": decoding.wire}
     file = FileSource(source)
-
-    length = InputLength.of(file, source)
+    length = InputLength.of(file)
     with progress(length.total, "writing", unit=length.unit, quiet=quiet) as advance:
 
         def chunks() -> Iterator[Chunk]:

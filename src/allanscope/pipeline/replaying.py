@@ -27,12 +27,11 @@ from allanscope.errors import InputError
 from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Notice, Ticks
-from allanscope.sources import RecordedSource, Source, open_file
+from allanscope.sources import FileSource, RecordedSource, Source, open_file
 from allanscope.view import progress
 
 __all__ = ["InputLength", "buffers_of", "events_of", "feed_analyser", "prefetch"]
 
-_GZIP_MAGIC = b"\x1f\x8b"
 
 Item = TypeVar("Item")
 
@@ -70,7 +69,7 @@ def events_of(
         When the file cannot be read or no wire format fits it.
     """
     source = open_file(path)
-    length = InputLength.of(source, path)
+    length = InputLength.of(source)
 
     def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[float, list[Event]]]:
         for buffer in buffers:
@@ -190,13 +189,11 @@ class InputLength:
     _last_ns: int | None = None
 
     @classmethod
-    def of(cls, source: Source, path: Path) -> Self:
+    def of(cls, source: Source) -> Self:
         """Return the length of a source that has an end."""
         if isinstance(source, RecordedSource):
             return cls(source.recording.duration_s or None, "s")
-        with path.open("rb") as file:
-            packed = file.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
-        return cls(None if packed else float(path.stat().st_size), "B")
+        return cls(source.size if isinstance(source, FileSource) else None, "B")
 
     def of_buffer(self, buffer: Buffer) -> float:
         """Return how much of it a piece is, given the one before."""

@@ -29,7 +29,7 @@ from allanscope.lazy import lazily
 if TYPE_CHECKING:
     from allanscope.recording.chunk import Chunk, LinkEvent
     from allanscope.recording.export import ExportReport, export_csv, export_parquet
-    from allanscope.recording.layout import segment_number
+    from allanscope.recording.layout import MCAP_MAGIC, segment_number
     from allanscope.recording.outline import Damage
     from allanscope.recording.reader import Buffer, Fingerprint, Recording, is_recording
     from allanscope.recording.recorder import Recorder
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from allanscope.recording.session import SessionWriter, write_recording
 
 __all__ = [
+    "MCAP_MAGIC",
     "Buffer",
     "Chunk",
     "Damage",
@@ -66,6 +67,7 @@ __getattr__, __dir__ = lazily(
         "ExportReport": "export",
         "Fingerprint": "reader",
         "LinkEvent": "chunk",
+        "MCAP_MAGIC": "layout",
         "Recorder": "recorder",
         "Recording": "reader",
         "RecoveryReport": "recovery",

@@ -38,7 +38,7 @@ from pathlib import Path
 from allanscope.errors import InputError
 
 __all__ = [
-    "MAGIC",
+    "MCAP_MAGIC",
     "TOPICS",
     "circumstances",
     "first_segment",
@@ -49,7 +49,7 @@ __all__ = [
     "session_files",
 ]
 
-MAGIC = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 PROFILE = "allanscope"
 """Profile in the MCAP header, and name of our metadata record."""

@@ -17,7 +17,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 
 from allanscope.errors import InputError
-from allanscope.recording.layout import MAGIC, PROFILE, SEAL, is_intact
+from allanscope.recording.layout import MCAP_MAGIC, PROFILE, SEAL, is_intact
 from allanscope.recording.records import (
     END_BYTES,
     HEAD_BYTES,
@@ -133,8 +133,8 @@ class _Walk:
 
     def _start(self) -> int:
         """Return where the first record is; the file may have lost its very beginning."""
-        if self._read(0, len(MAGIC)) == MAGIC:
-            return len(MAGIC)
+        if self._read(0, len(MCAP_MAGIC)) == MCAP_MAGIC:
+            return len(MCAP_MAGIC)
         first = self._next_record(0) if self.path.suffix == ".mcap" else None
         if first is None:
             raise InputError(f"not a recording: {self.path} is not an MCAP file")

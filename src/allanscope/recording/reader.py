@@ -17,7 +17,7 @@ from allanscope.errors import InputError
 from allanscope.recording.chunk import Chunk, LinkEvent
 from allanscope.recording.layout import (
     EVENTS,
-    MAGIC,
+    MCAP_MAGIC,
     PROFILE,
     RX,
     TOPICS,
@@ -82,7 +82,7 @@ def is_recording(path: Path) -> bool:
         if not first.is_file():
             return False  # a serial port must not be opened just to look
         with first.open("rb") as file:
-            return first.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC
+            return first.suffix == ".mcap" or file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     except (OSError, InputError):
         return False
 
@@ -291,7 +291,7 @@ def _segments(path: Path) -> list[tuple[Path, Outline]]:
     """Return the files of a session with their outlines; strangers with a fitting name are not."""
     first, *later = session_files(path)
     outline = _outline(first) if later else outline_of(first)
-    beginning = any(damage.offset <= len(MAGIC) for damage in outline.damage)
+    beginning = any(damage.offset <= len(MCAP_MAGIC) for damage in outline.damage)
     if not beginning and outline.profile != PROFILE and not outline.metadata:
         raise InputError(f"no recording: {first} is an MCAP file of something else")
     session = outline.metadata.get("session")

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import zstandard
 from mcap.opcode import Opcode
 
-from allanscope.recording.layout import MAGIC, PROFILE
+from allanscope.recording.layout import MCAP_MAGIC, PROFILE
 
 __all__ = [
     "END_BYTES",
@@ -171,7 +171,7 @@ def summary_start(end: bytes) -> int | None:
     if len(end) < END_BYTES:
         return None
     opcode, length, summary, _, _, magic = _END.unpack(end)
-    sound = opcode == Opcode.FOOTER and length == _FIXED[Opcode.FOOTER] and magic == MAGIC
+    sound = opcode == Opcode.FOOTER and length == _FIXED[Opcode.FOOTER] and magic == MCAP_MAGIC
     return int(summary) if sound else None
 
 

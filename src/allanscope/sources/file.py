@@ -33,6 +33,11 @@ class FileSource:
     path : Path
         The file.
 
+    Attributes
+    ----------
+    size : int or None
+        Bytes that there are to read; None of a compressed file.
+
     Raises
     ------
     InputError
@@ -45,6 +50,8 @@ class FileSource:
         self._unpacked = 0
         try:
             self._file = _opened(path)
+            packed = isinstance(self._file, gzip.GzipFile)
+            self.size = None if packed else path.stat().st_size
             self._ahead = self._next()
         except OSError as error:
             raise InputError(f"cannot read {path}: {error.strerror or error}") from error

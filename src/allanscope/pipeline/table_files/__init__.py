@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import Columns
+from allanscope.recording import MCAP_MAGIC
 
 __all__ = [
     "MATLAB_4_BYTES",
@@ -86,7 +87,6 @@ _MAGICS: tuple[tuple[bytes, str], ...] = (
 )
 _MATLAB_4_KINDS = [10 * number + kind for number in range(6) for kind in range(3)]
 _MATLAB_NAME = re.compile(rb"[A-Za-z]\w*\0?")
-_MCAP = b"\x89MCAP0\r\n"
 _ROS2 = b"\x04\x00\x00\x00ros2"
 _HSDATALOG = ("acquisition_info.json", "device_config.json")
 _IIO = ("context.xml", b"<context")
@@ -118,9 +118,9 @@ def kind_of(path: Path) -> str:
             head = file.read(_HEAD)
     except OSError:
         return ""
-    if head.startswith(_MCAP):
+    if head.startswith(MCAP_MAGIC):
         # After the magic comes the header record: opcode, length, and whose profile it is.
-        return "rosbag2" if head[len(_MCAP) + 9 :].startswith(_ROS2) else ""
+        return "rosbag2" if head[len(MCAP_MAGIC) + 9 :].startswith(_ROS2) else ""
     kind = next((kind for magic, kind in _MAGICS if head.startswith(magic)), "")
     return kind or ("mat" if _is_matlab_4(head) else "")
 

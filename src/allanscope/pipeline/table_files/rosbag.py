@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from allanscope.pipeline.columns import Columns
 from allanscope.pipeline.table_files import MOST_BYTES, TableFile
+from allanscope.recording import MCAP_MAGIC
 from allanscope.samples import AXES
 
 __all__ = ["read"]
@@ -47,7 +48,6 @@ FEWEST_ALIKE = 8
 """Messages in a row of one topic and length from which on they are taken together."""
 
 _DOUBLES = 37
-_MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ").unpack_from
 _MESSAGE = struct.Struct("<HIQQ").unpack_from  # channel, number, logged, published
 _BEFORE_DATA = 9 + 22
@@ -62,7 +62,7 @@ def read(path: Path, stream: str = "") -> TableFile:
     bag = _Bag(stream)
     for file in files:
         with file.open("rb") as opened:
-            is_mcap = opened.read(len(_MAGIC)) == _MAGIC
+            is_mcap = opened.read(len(MCAP_MAGIC)) == MCAP_MAGIC
         (_read_mcap if is_mcap else _read_sqlite)(file, bag)
     return TableFile(bag.columns(), "rosbag2")
 
@@ -369,7 +369,7 @@ def _read_mcap(file: Path, bag: _Bag) -> None:
     with file.open("rb") as opened:
         whole = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
     records = _Records(bag)
-    if not records.read(memoryview(whole)[len(_MAGIC) :]):
+    if not records.read(memoryview(whole)[len(MCAP_MAGIC) :]):
         bag.remarks.append(f"{file.name} was never closed: its end may be missing")
     if records.damaged:
         first = records.damaged[0]

@@ -47,6 +47,33 @@ FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
 
 
+class _OpeningBacklog:
+    """What waited in a port when it was opened: where that was a full buffer, a gap lies behind it.
+
+    Parameters
+    ----------
+    queued : int
+        Bytes that can be read at once after the opening.
+    """
+
+    def __init__(self, queued: int = 0) -> None:
+        self._taken = 0
+        self._is_open = queued >= READ_BYTES
+        self._was_short = False
+
+    def ends_with_gap(self, size: int) -> bool:
+        """Take the size of a read; return whether bytes are missing behind it."""
+        if not self._is_open:
+            return False
+        self._taken += size
+        has_gap = size < READ_BYTES and self._taken >= FULL_BYTES
+        # A busy computer may pass on what waited in two goes: one short read is not its end.
+        is_short = size < LATE_BYTES
+        self._is_open = not (has_gap or (is_short and self._was_short))
+        self._was_short = is_short
+        return has_gap
+
+
 class SerialSource:
     """Bytes from a serial port or a pyserial URL.
 
@@ -102,8 +129,7 @@ class SerialSource:
         self._latency = ""
         self._last_ns = 0
         self._streaming = False
-        self._waited: int | None = None
-        self._was_short = False
+        self._backlog = _OpeningBacklog()
         self._overrun = False
         self._stalled = False
         self._pause_s = 0.0
@@ -190,15 +216,7 @@ class SerialSource:
             pause_s = self._pace.after(len(data), now - self._last_data_ns)
             self._pause_s = self._pace.unevenly(pause_s)
         event: LinkEvent = "resumed" if self._stalled else "overrun" if self._overrun else ""
-        self._overrun = False
-        if self._waited is not None:
-            self._waited += len(data)
-            self._overrun = len(data) < READ_BYTES and self._waited >= FULL_BYTES
-            # A busy computer may pass on what waited in two goes: one short read is not its end.
-            is_short = len(data) < LATE_BYTES
-            if self._overrun or (is_short and self._was_short):
-                self._waited = None
-            self._was_short = is_short
+        self._overrun = self._backlog.ends_with_gap(len(data))
         self._streaming, self._stalled, self._last_data_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
@@ -274,12 +292,10 @@ class SerialSource:
     def _opened(self, name: str) -> Transport:
         """Open a port, and have it read by a process of its own where there can be one."""
         link = self._opener(name, self._settings.baud)
-        self._waited, self._was_short = None, False
+        # A port that was full has a whole read waiting: what comes from here on is no sign of it.
+        self._backlog = _OpeningBacklog(link.queued() if isinstance(link, PosixPort) else 0)
         if not isinstance(link, PosixPort):
             return link
-        if link.queued() >= READ_BYTES:
-            # A port that was full has a whole read waiting: what comes after is no sign of it.
-            self._waited = 0
         self._latency = "; low latency" if link.low_latency else "; no low-latency mode"
         return isolated_reader_of(link) if self._settings.own_process else link
 

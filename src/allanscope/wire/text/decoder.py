@@ -76,13 +76,13 @@ class TextDecoder:
         self._interpreter = TextInterpreter(settings)
         self._rows = RowEvents(self.stats, self._interpreter.decide, patience=PATIENCE)
         self._table: Table | None = None
-        self._doubted: Columns = ()
+        self._unconfirmed: Columns = ()
         self._labelled = LabelledRows(self._interpreter.temperature_lsb_per_c)
         self._unnamed: list[bytes] = []
         self._misaligned: list[tuple[bytes, int]] = []
-        self._given_up = False
+        self._alignment_decided = False
         self._left_out: tuple[str, ...] = ()
-        self._others = 0
+        self._other_lines = 0
         self._sentences = b""
         self._heading = 0
         self._host_s = math.nan
@@ -153,9 +153,9 @@ class TextDecoder:
             return []
         if self._table is not None and self._row(self._table, line):
             return self._count_misaligned_as_damaged() if self._misaligned else []
-        if self._doubted and Table(self._doubted).row(line) is not None:
-            return self._start_table(self._doubted) + self._line(line)
-        return self._no_row(line)
+        if self._unconfirmed and Table(self._unconfirmed).row(line) is not None:
+            return self._start_table(self._unconfirmed) + self._line(line)
+        return self._other_line(line)
 
     def _sentence(self, sentence: Sentence) -> list[Event]:
         """Take a sentence: the first name that is known, or else has numbers, is the stream."""
@@ -173,7 +173,7 @@ class TextDecoder:
             return self._start_table(sentence.columns) + self._line(sentence.values)
         return self._line(sentence.values)
 
-    def _no_row(self, line: bytes) -> list[Event]:
+    def _other_line(self, line: bytes) -> list[Event]:
         """Take a line that is not a row of the table in force, if there is one."""
         text = plain_line(line)
         cells = cells_of(text)
@@ -182,8 +182,8 @@ class TextDecoder:
             return []
         if all(numbers):
             return self._numbers(line, text, len(cells))
-        self._others += 1
-        if self._others > 2 * len(self._unnamed) + 2:
+        self._other_lines += 1
+        if self._other_lines > 2 * len(self._unnamed) + 2:
             self._unnamed.clear()
         if not any(numbers) and not self._labelled.chosen:
             events = self._header(cells_of(_COMMENT.sub("", text)))
@@ -191,7 +191,7 @@ class TextDecoder:
                 return events
         if self._table is not None and 2 * sum(numbers) >= len(numbers):
             return self._bad_row(text)
-        self._words(text, len(cells))
+        self._labelled_line(text, len(cells))
         return []
 
     def _header(self, cells: list[str]) -> list[Event] | None:
@@ -199,7 +199,7 @@ class TextDecoder:
         below = self._units_below(cells)
         if below is not None:
             return self._start_table(below, self._left_out)
-        columns = columns_of(cells, self._bare)
+        columns = columns_of(cells, self._unnamed_sensor)
         if columns is None:
             return None
         self.named = True
@@ -208,14 +208,14 @@ class TextDecoder:
             for cell in cells
             if in_unknown_unit(cell)
         )
-        if self._doubtful(columns):
+        if self._needs_confirmation(columns):
             return []
         self._left_out = left_out
         bare = "no sensor is named" if columns_without_sensor(cells) else ""
         return self._start_table(columns, left_out, bare)
 
     @property
-    def _bare(self) -> Quantity:
+    def _unnamed_sensor(self) -> Quantity:
         """The sensor of columns that are called just x, y and z."""
         return "accel" if "accel" in self._interpreter.given else "gyro"
 
@@ -231,23 +231,23 @@ class TextDecoder:
     def _numbers(self, line: bytes, text: str, count: int) -> list[Event]:
         """Take a line of nothing but numbers that is not a row of the table."""
         if self._table is not None:
-            held = self._misfit(self._table, line)
+            held = self._hold_misaligned(self._table, line)
             return self._bad_row(text) if held is None else held
         if self._labelled.chosen or count == self._heading or unnamed(count) is None:
             self.stats.unknown += 1
             return []
         if self._unnamed and len(cells_of(plain_line(self._unnamed[0]))) != count:
             self._unnamed.clear()
-        self._others = self._others if self._unnamed else 0
+        self._other_lines = self._other_lines if self._unnamed else 0
         self._unnamed.append(line)
-        return self._adopt(count) if len(self._unnamed) >= _ENOUGH_UNNAMED else []
+        return self._start_unnamed_table(count) if len(self._unnamed) >= _ENOUGH_UNNAMED else []
 
-    def _misfit(self, table: Table, line: bytes) -> list[Event] | None:
+    def _hold_misaligned(self, table: Table, line: bytes) -> list[Event] | None:
         """Hold a row that may have one cell more or fewer than the header, before any has fitted.
 
         Returns None for one that is simply damaged.
         """
-        if table.rows or self._doubted or self._given_up:
+        if table.rows or self._unconfirmed or self._alignment_decided:
             return None
         self._misaligned.append((line, self._lines.number))
         if len(self._misaligned) < _ENOUGH_MISALIGNED:
@@ -264,10 +264,10 @@ class TextDecoder:
     def _count_misaligned_as_damaged(self) -> list[Event]:
         """Take rows that were held because they do not fit the header for damaged ones."""
         held, self._misaligned = self._misaligned, []
-        self._given_up = True
+        self._alignment_decided = True
         return [event for line, number in held for event in self._bad_row(plain_line(line), number)]
 
-    def _adopt(self, count: int) -> list[Event]:
+    def _start_unnamed_table(self, count: int) -> list[Event]:
         """Take a table without a header for what its number of columns suggests."""
         columns = unnamed(count)
         assert columns is not None
@@ -283,17 +283,17 @@ class TextDecoder:
         columns = with_units_below(table.columns, cells)
         return None if columns == table.columns else columns
 
-    def _doubtful(self, columns: Columns) -> bool:
+    def _needs_confirmation(self, columns: Columns) -> bool:
         """Return whether a header may be the one in force, damaged; the rows after it will tell."""
-        doubted, self._doubted = self._doubted, ()
-        if self._table is None or columns in (self._table.columns, doubted):
+        before, self._unconfirmed = self._unconfirmed, ()
+        if self._table is None or columns in (self._table.columns, before):
             return False
         known = self._table.columns
         if len(columns) == len(known):
             changed = [old for old, new in zip(known, columns, strict=True) if old != new]
             if len(changed) > 1 or changed[0] is None:
                 return False
-        self._doubted = columns
+        self._unconfirmed = columns
         self.stats.resyncs += 1
         return True
 
@@ -302,15 +302,15 @@ class TextDecoder:
     ) -> list[Event]:
         if self._table is not None and self._table.columns == columns:
             return []
-        self._doubted = ()
+        self._unconfirmed = ()
         self._misaligned.clear()
-        self._given_up = False
+        self._alignment_decided = False
         events = self._rows.change() if self._table is not None else []
         self._table = Table(columns, self._interpreter.given.get("time", ""))
         self._interpreter.expect(self._table.units, assumed, self._table, by_position)
         return events
 
-    def _words(self, text: str, count: int) -> None:
+    def _labelled_line(self, text: str, count: int) -> None:
         labelled = read_labelled(text) if self._table is None else None
         if labelled is not None:
             self._add_rows(self._labelled.update(labelled))

@@ -11,18 +11,7 @@ from allanscope import __version__
 from allanscope.__main__ import main
 from allanscope.allan import deviation
 from allanscope.noise import Coefficient, bound_model
-from allanscope.pipeline.exports import (
-    LAYOUTS,
-    NotDetected,
-    axes_yaml,
-    bound_yaml,
-    kalibr_yaml,
-    matlab_imu_sensor,
-    openvins_yaml,
-    orb_slam3_yaml,
-    ros_covariance_yaml,
-    vins_yaml,
-)
+from allanscope.pipeline.exports import LAYOUTS, NotDetected, bound_yaml, coefficients_file
 from allanscope.pipeline.import_export import stored_result
 
 RATE = 104.0
@@ -54,7 +43,7 @@ def numbers(text):
 
 
 def test_kalibr_gets_its_six_keys_in_si_and_continuous_time():
-    text = kalibr_yaml(AXES, RATE, rostopic="/imu", source="LSM6DSM", upper_limits="include")
+    text = coefficients_file("kalibr", AXES, RATE, source="LSM6DSM", upper_limits="include")
     keys = re.findall(r"^(\w+):", text, re.MULTILINE)
     assert keys == [
         "accelerometer_noise_density",
@@ -69,7 +58,7 @@ def test_kalibr_gets_its_six_keys_in_si_and_continuous_time():
     assert values["accelerometer_noise_density"] == pytest.approx(90e-6 * G)
     assert values["accelerometer_random_walk"] == pytest.approx(7e-6 * G)
     assert values["update_rate"] == RATE
-    assert "rostopic: /imu\n" in text
+    assert "rostopic: /imu0\n" in text
     assert "Continuous" in text
     assert "LSM6DSM" in text
 
@@ -77,18 +66,18 @@ def test_kalibr_gets_its_six_keys_in_si_and_continuous_time():
 @pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - {"ros"}))
 def test_an_upper_limit_is_never_written_unasked(layout):
     with pytest.raises(NotDetected, match="K on gy"):
-        LAYOUTS[layout](AXES, RATE)
+        coefficients_file(layout, AXES, RATE)
     for choice in ("include", "zero"):
-        assert "Not detected: " in LAYOUTS[layout](AXES, RATE, upper_limits=choice)
+        assert "Not detected: " in coefficients_file(layout, AXES, RATE, upper_limits=choice)
     with pytest.raises(ValueError, match="choose refuse, include or zero"):
-        LAYOUTS[layout](AXES, RATE, upper_limits="keep")
+        coefficients_file(layout, AXES, RATE, upper_limits="keep")
 
 
 def test_a_limit_stands_in_for_a_walk_that_was_not_detected_when_asked_to():
-    text = kalibr_yaml(AXES, RATE, upper_limits="include")
+    text = coefficients_file("kalibr", AXES, RATE, upper_limits="include")
     assert numbers(text)["gyroscope_random_walk"] == pytest.approx(3e-4 * DEGREE)
     assert "# Not detected: K on gy; the upper limit is given instead." in text
-    text = kalibr_yaml(AXES, RATE, upper_limits="zero")
+    text = coefficients_file("kalibr", AXES, RATE, upper_limits="zero")
     assert numbers(text)["gyroscope_random_walk"] == pytest.approx(2e-4 * DEGREE)
     assert "# Not detected: K on gy; 0 is given instead." in text
 
@@ -96,7 +85,7 @@ def test_a_limit_stands_in_for_a_walk_that_was_not_detected_when_asked_to():
 @pytest.mark.parametrize("choice", ["refuse", "include", "zero"])
 def test_a_limit_below_what_another_axis_has_changes_nothing(choice):
     axes = {**AXES, "gy": {**AXES["gy"], "K": limited(1.5e-4)}}
-    text = kalibr_yaml(axes, RATE, upper_limits=choice)
+    text = coefficients_file("kalibr", axes, RATE, upper_limits=choice)
     assert numbers(text)["gyroscope_random_walk"] == pytest.approx(2e-4 * DEGREE)
     assert "Not detected" not in text
 
@@ -105,23 +94,25 @@ def test_a_limit_below_what_another_axis_has_changes_nothing(choice):
 def test_white_noise_that_was_not_detected_is_treated_alike(layout):
     axes = {axis: {name: known(1e-4) for name in "NBK"} for axis in AXES}
     axes["az"] = {**axes["az"], "N": limited(2e-4)}
-    assert "Not detected" not in LAYOUTS[layout]({**axes, "az": axes["ay"]}, RATE)
+    assert "Not detected" not in coefficients_file(layout, {**axes, "az": axes["ay"]}, RATE)
     with pytest.raises(NotDetected, match="N on az"):
-        LAYOUTS[layout](axes, RATE)
-    assert "N on az" in LAYOUTS[layout](axes, RATE, upper_limits="include")
+        coefficients_file(layout, axes, RATE)
+    assert "N on az" in coefficients_file(layout, axes, RATE, upper_limits="include")
 
 
 def test_openvins_gets_the_numbers_of_kalibr_in_a_chain_of_one_imu():
-    text = openvins_yaml(AXES, RATE, upper_limits="include")
+    text = coefficients_file("openvins", AXES, RATE, upper_limits="include")
     assert text.startswith("%YAML:1.0\n"), "OpenCV reads the type of the file from its first line"
     assert "\nimu0:\n  T_i_b:\n    - [1.0, 0.0, 0.0, 0.0]\n" in text
     inside = numbers(re.sub("(?m)^  ", "", text))
-    for key, value in numbers(kalibr_yaml(AXES, RATE, upper_limits="include")).items():
+    for key, value in numbers(
+        coefficients_file("kalibr", AXES, RATE, upper_limits="include")
+    ).items():
         assert inside[key] == value
 
 
 def test_orb_slam3_gets_continuous_values_of_the_worst_axis():
-    text = orb_slam3_yaml(AXES, RATE, upper_limits="include").replace("IMU.", "")
+    text = coefficients_file("orb-slam3", AXES, RATE, upper_limits="include").replace("IMU.", "")
     assert numbers(text) == pytest.approx(
         {
             "NoiseGyro": 5e-3 * DEGREE,
@@ -135,7 +126,7 @@ def test_orb_slam3_gets_continuous_values_of_the_worst_axis():
 
 
 def test_every_axis_by_itself():
-    text = axes_yaml({k: AXES[k] for k in ("gx", "gz")}, RATE, upper_limits="zero")
+    text = coefficients_file("axes", {k: AXES[k] for k in ("gx", "gz")}, RATE, upper_limits="zero")
     first, second = (numbers(part.replace("  ", "")) for part in text.split("gx:")[1].split("gz:"))
     assert first["noise_density"] == pytest.approx(4e-3 * DEGREE)
     assert first["bias_instability"] == pytest.approx(1e-3 * DEGREE)
@@ -185,7 +176,7 @@ def test_a_result_of_another_version_or_damaged_is_not_used(tmp_path, other):
 
 
 def test_vins_gets_discrete_values():
-    text = vins_yaml(AXES, RATE, upper_limits="include")
+    text = coefficients_file("vins", AXES, RATE, upper_limits="include")
     values = numbers(text)
     assert values["gyr_n"] == pytest.approx(5e-3 * DEGREE * np.sqrt(RATE))
     assert values["acc_w"] == pytest.approx(7e-6 * G * np.sqrt(RATE))
@@ -194,7 +185,7 @@ def test_vins_gets_discrete_values():
 
 
 def test_ros_gets_the_variance_of_one_sample_on_the_diagonal():
-    text = ros_covariance_yaml(AXES, RATE)
+    text = coefficients_file("ros", AXES, RATE)
     rows = dict(re.findall(r"^(\w+): \[(.*)\]", text, re.MULTILINE))
     matrix = np.array([float(v) for v in rows["angular_velocity_covariance"].split(",")])
     expected = np.diag([(n * DEGREE) ** 2 * RATE for n in (4e-3, 5e-3, 3e-3)])
@@ -203,7 +194,7 @@ def test_ros_gets_the_variance_of_one_sample_on_the_diagonal():
 
 
 def test_matlab_gets_double_sided_densities_axis_by_axis():
-    text = matlab_imu_sensor(AXES, RATE, upper_limits="zero")
+    text = coefficients_file("matlab", AXES, RATE, upper_limits="zero")
     row = re.search(r"imu\.Gyroscope\.NoiseDensity = \[(.*)\];", text).group(1)
     np.testing.assert_allclose(
         [float(v) for v in row.split()], np.array([4e-3, 5e-3, 3e-3]) * DEGREE
@@ -216,7 +207,9 @@ def test_matlab_gets_double_sided_densities_axis_by_axis():
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_says_what_it_is_and_keeps_a_name_in_its_comment(layout):
-    text = LAYOUTS[layout](AXES, RATE, source="night\nupdate_rate: 1", upper_limits="include")
+    text = coefficients_file(
+        layout, AXES, RATE, source="night\nupdate_rate: 1", upper_limits="include"
+    )
     assert "ontinuous" in text or "iscrete" in text
     assert "Source: night?update_rate: 1" in text
     assert not re.search("^update_rate: 1$", text, re.MULTILINE)
@@ -224,25 +217,26 @@ def test_every_layout_says_what_it_is_and_keeps_a_name_in_its_comment(layout):
 
 def test_an_axis_without_coefficients_is_no_axis():
     partly = {**AXES, "gy": {}, "ay": {}}
-    assert numbers(kalibr_yaml(partly, RATE, upper_limits="zero"))[
+    assert numbers(coefficients_file("kalibr", partly, RATE, upper_limits="zero"))[
         "gyroscope_noise_density"
     ] == pytest.approx(4e-3 * DEGREE)
-    assert "[0.000000e+00" not in ros_covariance_yaml(partly, RATE)
+    assert "[0.000000e+00" not in coefficients_file("ros", partly, RATE)
     row = re.search(
-        r"Gyroscope\.NoiseDensity = \[(.*)\];", matlab_imu_sensor(partly, RATE, upper_limits="zero")
+        r"Gyroscope\.NoiseDensity = \[(.*)\];",
+        coefficients_file("matlab", partly, RATE, upper_limits="zero"),
     )
     assert float(row.group(1).split()[1]) == 0.0
     with pytest.raises(ValueError, match="no gyro axis was measured for long enough"):
-        kalibr_yaml({name: {} for name in AXES}, RATE)
+        coefficients_file("kalibr", {name: {} for name in AXES}, RATE)
 
 
 def test_a_sensor_that_was_not_measured_is_an_error():
     gyro = {name: found for name, found in AXES.items() if name.startswith("g")}
     with pytest.raises(ValueError, match="no accelerometer axis"):
-        kalibr_yaml(gyro, RATE)
+        coefficients_file("kalibr", gyro, RATE)
     with pytest.raises(ValueError, match="no accelerometer axis"):
-        vins_yaml(gyro, RATE)
-    assert "linear_acceleration_covariance: [0.0" in ros_covariance_yaml(gyro, RATE)
+        coefficients_file("vins", gyro, RATE)
+    assert "linear_acceleration_covariance: [0.0" in coefficients_file("ros", gyro, RATE)
 
 
 def test_a_bound_lies_above_the_curve_and_covers_what_was_not_seen(tmp_path, capsys):

@@ -33,14 +33,8 @@ __all__ = [
     "LAYOUTS",
     "NotDetected",
     "UpperLimits",
-    "axes_yaml",
     "bound_yaml",
-    "kalibr_yaml",
-    "matlab_imu_sensor",
-    "openvins_yaml",
-    "orb_slam3_yaml",
-    "ros_covariance_yaml",
-    "vins_yaml",
+    "coefficients_file",
 ]
 
 UpperLimits = Literal["refuse", "include", "zero"]
@@ -53,24 +47,24 @@ _TO_SI = {"g": float(np.pi / 180), "a": GRAVITY}
 _SI = {"g": "rad/s", "a": "m/s^2"}
 
 
-def kalibr_yaml(
+def coefficients_file(
+    layout: str,
     axes: Coefficients,
     rate_hz: float,
     *,
-    rostopic: str = "/imu0",
     source: str = "",
     upper_limits: UpperLimits = "refuse",
 ) -> str:
-    """Return an ``imu.yaml`` for Kalibr, with the six keys that it wants.
+    """Return the coefficients of a sensor in the file of another program.
 
     Parameters
     ----------
+    layout : str
+        One of `LAYOUTS`.
     axes : mapping
         Coefficients of every axis.
     rate_hz : float
         Measured sample rate.
-    rostopic : str
-        Topic of the bag.
     source : str
         What was measured, for a comment.
     upper_limits : {'refuse', 'include', 'zero'}
@@ -83,28 +77,25 @@ def kalibr_yaml(
     ValueError
         If there is no gyro or no accelerometer axis.
     """
-    chosen = _Chosen(axes, upper_limits)
-    lines = [*_densities(chosen), f"rostopic: {rostopic}", f"update_rate: {rate_hz:.6g}   # Hz"]
-    return chosen.file("#", _continuous("Kalibr", source), lines)
+    return LAYOUTS[layout](_Values(axes, upper_limits, source), rate_hz)
 
 
-def openvins_yaml(
-    axes: Coefficients,
-    rate_hz: float,
-    *,
-    source: str = "",
-    upper_limits: UpperLimits = "refuse",
-) -> str:
+def _kalibr(values: _Values, rate_hz: float) -> str:
+    """Return an ``imu.yaml`` for Kalibr, with the six keys that it wants."""
+    lines = [*_densities(values), "rostopic: /imu0", f"update_rate: {rate_hz:.6g}   # Hz"]
+    return values.file("#", _continuous("Kalibr"), lines)
+
+
+def _openvins(values: _Values, rate_hz: float) -> str:
     """Return a ``kalibr_imu_chain.yaml`` for OpenVINS.
 
     The IMU frame is the body frame and the intrinsics are the identity: `model: "kalibr"`.
     """
-    chosen = _Chosen(axes, upper_limits)
     lines = [
         "imu0:",
         "  T_i_b:",
         *(f"    - {_unit_row(k, 4)}" for k in range(4)),
-        *(f"  {line}" for line in _densities(chosen)),
+        *(f"  {line}" for line in _densities(values)),
         "  rostopic: /imu0",
         "  time_offset: 0.0",
         f"  update_rate: {rate_hz:.6g}   # Hz",
@@ -113,20 +104,13 @@ def openvins_yaml(
     for name in ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC"):
         lines += [f"  {name}:", *(f"    - {_unit_row(k, 3)}" for k in range(3))]
     lines += ["  Tg:", *(["    - [0.0, 0.0, 0.0]"] * 3)]
-    return "%YAML:1.0\n" + chosen.file("#", _continuous("OpenVINS", source), lines)
+    return "%YAML:1.0\n" + values.file("#", _continuous("OpenVINS"), lines)
 
 
-def orb_slam3_yaml(
-    axes: Coefficients,
-    rate_hz: float,
-    *,
-    source: str = "",
-    upper_limits: UpperLimits = "refuse",
-) -> str:
+def _orb_slam3(values: _Values, rate_hz: float) -> str:
     """Return the five lines on the IMU in the settings file of ORB-SLAM3, to be copied there."""
-    chosen = _Chosen(axes, upper_limits)
-    gyro_n, gyro_k = chosen.worst("g", "N"), chosen.worst("g", "K")
-    accel_n, accel_k = chosen.worst("a", "N"), chosen.worst("a", "K")
+    gyro_n, gyro_k = values.worst("g", "N"), values.worst("g", "K")
+    accel_n, accel_k = values.worst("a", "N"), values.worst("a", "K")
     lines = [
         f"IMU.NoiseGyro: {gyro_n:.6e}   # rad/s/sqrt(Hz)",
         f"IMU.NoiseAcc: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
@@ -134,28 +118,21 @@ def orb_slam3_yaml(
         f"IMU.AccWalk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
         f"IMU.Frequency: {rate_hz:.1f}   # Hz",
     ]
-    return chosen.file("#", _continuous("ORB-SLAM3", source), lines)
+    return values.file("#", _continuous("ORB-SLAM3"), lines)
 
 
-def axes_yaml(
-    axes: Coefficients,
-    rate_hz: float,
-    *,
-    source: str = "",
-    upper_limits: UpperLimits = "refuse",
-) -> str:
+def _each_axis(values: _Values, rate_hz: float) -> str:
     """Return N, B and K of every axis by itself, in SI units."""
-    chosen = _Chosen(axes, upper_limits)
     numbers = {
-        kind: [chosen.each(kind, letter) for letter in "NBK"]
+        kind: [values.each(kind, letter) for letter in "NBK"]
         for kind in "ga"
-        if any(axes.get(f"{kind}{direction}") for direction in "xyz")
+        if any(values.axes.get(f"{kind}{direction}") for direction in "xyz")
     }
     lines = [f"update_rate: {rate_hz:.6g}   # Hz"]
     for kind, columns in numbers.items():
         unit = _SI[kind]
         for direction, (n, b, k) in zip("xyz", zip(*columns, strict=True), strict=True):
-            if not axes.get(f"{kind}{direction}"):
+            if not values.axes.get(f"{kind}{direction}"):
                 continue
             lines += [
                 f"{kind}{direction}:",
@@ -163,55 +140,41 @@ def axes_yaml(
                 f"  bias_instability: {b:.6e}   # {unit} (B)",
                 f"  random_walk: {k:.6e}   # {unit}/sqrt(s) (K)",
             ]
-    about = "Noise of each axis of an IMU, estimated by allanscope." + _of(source)
-    return chosen.file("#", [about, "Continuous-time values of IEEE 952, in SI units."], lines)
+    about = "Noise of each axis of an IMU, estimated by allanscope."
+    return values.file("#", [about, "Continuous-time values of IEEE 952, in SI units."], lines)
 
 
-def ros_covariance_yaml(
-    axes: Coefficients,
-    rate_hz: float,
-    *,
-    source: str = "",
-    upper_limits: UpperLimits = "refuse",
-) -> str:
+def _ros_covariance(values: _Values, rate_hz: float) -> str:
     """Return the covariances of a ROS ``sensor_msgs/Imu`` message, one variance an axis.
 
     Discrete: the variance of one sample, N^2 rate. With a low-pass in the sensor it is smaller;
     the value here is the one that, used once a sample, integrates correctly.
     """
-    chosen = _Chosen(axes, upper_limits)
     lines = []
     for kind, name in (("g", "angular_velocity"), ("a", "linear_acceleration")):
-        variances = np.square(chosen.each(kind, "N")) * rate_hz
+        variances = np.square(values.each(kind, "N")) * rate_hz
         matrix = ", ".join(f"{value:.6e}" for value in np.diag(variances).ravel())
         lines.append(f"{name}_covariance: [{matrix}]   # ({_SI[kind]})^2")
     about = [
-        "Covariances of sensor_msgs/Imu, estimated by allanscope." + _of(source),
+        "Covariances of sensor_msgs/Imu, estimated by allanscope.",
         f"Discrete: variance of one sample at {rate_hz:.6g} Hz, N^2 times the rate, row by row.",
     ]
-    return chosen.file("#", about, lines)
+    return values.file("#", about, lines)
 
 
-def vins_yaml(
-    axes: Coefficients,
-    rate_hz: float,
-    *,
-    source: str = "",
-    upper_limits: UpperLimits = "refuse",
-) -> str:
+def _vins(values: _Values, rate_hz: float) -> str:
     """Return the IMU block of a VINS-Mono or VINS-Fusion configuration.
 
     Its integration multiplies these numbers by the time step and not by its root, so that they are
     discrete: N sqrt(rate) and K sqrt(rate).
     """
-    chosen = _Chosen(axes, upper_limits)
     root = float(np.sqrt(rate_hz))
-    gyro_n, gyro_k = (chosen.worst("g", name) * root for name in "NK")
-    accel_n, accel_k = (chosen.worst("a", name) * root for name in "NK")
-    return chosen.file(
+    gyro_n, gyro_k = (values.worst("g", name) * root for name in "NK")
+    accel_n, accel_k = (values.worst("a", name) * root for name in "NK")
+    return values.file(
         "#",
         [
-            "IMU noise for VINS-Mono and VINS-Fusion, estimated by allanscope." + _of(source),
+            "IMU noise for VINS-Mono and VINS-Fusion, estimated by allanscope.",
             f"Discrete values at {rate_hz:.6g} Hz: continuous-time N and K times sqrt(rate).",
             "Each value is that of the worst axis.",
         ],
@@ -225,21 +188,14 @@ def vins_yaml(
     )
 
 
-def matlab_imu_sensor(
-    axes: Coefficients,
-    rate_hz: float,
-    *,
-    source: str = "",
-    upper_limits: UpperLimits = "refuse",
-) -> str:
+def _matlab_imu_sensor(values: _Values, rate_hz: float) -> str:
     """Return a MATLAB script that makes an ``imuSensor`` with this noise, axis by axis.
 
     Continuous-time and double-sided: `NoiseDensity` is N, `BiasInstability` is B (the floor of the
     Allan deviation over 0.664), `RandomWalk` is K.
     """
-    chosen = _Chosen(axes, upper_limits)
     about = [
-        "Noise of an IMU for imuSensor, estimated by allanscope." + _of(source),
+        "Noise of an IMU for imuSensor, estimated by allanscope.",
         "Continuous-time, double-sided densities (IEEE 952); B is the floor of ADEV over 0.664.",
     ]
     lines = [f"imu = imuSensor('accel-gyro', 'SampleRate', {rate_hz:.9g});"]
@@ -247,11 +203,11 @@ def matlab_imu_sensor(
         unit = _SI[kind]
         lines += [
             f"imu.{params}.NoiseType = 'double-sided';",
-            f"imu.{params}.NoiseDensity = {chosen.row(kind, 'N')};   % ({unit})/sqrt(Hz)",
-            f"imu.{params}.BiasInstability = {chosen.row(kind, 'B')};   % {unit}",
-            f"imu.{params}.RandomWalk = {chosen.row(kind, 'K')};   % ({unit})*sqrt(Hz)",
+            f"imu.{params}.NoiseDensity = {values.row(kind, 'N')};   % ({unit})/sqrt(Hz)",
+            f"imu.{params}.BiasInstability = {values.row(kind, 'B')};   % {unit}",
+            f"imu.{params}.RandomWalk = {values.row(kind, 'K')};   % ({unit})*sqrt(Hz)",
         ]
-    return chosen.file("%", about, lines)
+    return values.file("%", about, lines)
 
 
 def bound_yaml(curves: Mapping[str, Deviation], *, source: str = "") -> str:
@@ -297,20 +253,20 @@ def bound_yaml(curves: Mapping[str, Deviation], *, source: str = "") -> str:
     return "\n".join([*(f"# {text}" for text in comments), *lines, ""])
 
 
-def _continuous(whose: str, source: str) -> list[str]:
+def _continuous(whose: str) -> list[str]:
     """Return the comments of a file with continuous-time values of the worst axis."""
     return [
-        f"Noise of an IMU for {whose}, estimated by allanscope." + _of(source),
+        f"Noise of an IMU for {whose}, estimated by allanscope.",
         "Continuous-time values: white noise is N, the two-sided density of IEEE 952",
         "(half of a datasheet's one-sided power density), random walk is K.",
         "Each value is that of the worst axis.",
     ]
 
 
-def _densities(chosen: _Chosen) -> list[str]:
+def _densities(values: _Values) -> list[str]:
     """Return the four lines on noise that Kalibr and OpenVINS read."""
-    gyro_n, gyro_k = chosen.worst("g", "N"), chosen.worst("g", "K")
-    accel_n, accel_k = chosen.worst("a", "N"), chosen.worst("a", "K")
+    gyro_n, gyro_k = values.worst("g", "N"), values.worst("g", "K")
+    accel_n, accel_k = values.worst("a", "N"), values.worst("a", "K")
     return [
         f"accelerometer_noise_density: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
         f"accelerometer_random_walk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
@@ -322,17 +278,6 @@ def _densities(chosen: _Chosen) -> list[str]:
 def _unit_row(k: int, n: int) -> str:
     return str([float(i == k) for i in range(n)])
 
-
-LAYOUTS: Mapping[str, Callable[..., str]] = {
-    "kalibr": kalibr_yaml,
-    "openvins": openvins_yaml,
-    "orb-slam3": orb_slam3_yaml,
-    "vins": vins_yaml,
-    "ros": ros_covariance_yaml,
-    "axes": axes_yaml,
-    "matlab": matlab_imu_sensor,
-}
-"""Every file by whose it is: from axes, rate, ``source=`` and ``upper_limits=`` to its text."""
 
 CONTENTS: Mapping[str, str] = {
     "kalibr": "N and K of the worst axis for Kalibr, continuous",
@@ -351,23 +296,24 @@ class NotDetected(ValueError):
     """A file would state an upper limit as if it were the coefficient."""
 
 
-class _Chosen:
+class _Values:
     """The numbers that a file gets, in SI, and which of them are upper limits."""
 
-    def __init__(self, axes: Coefficients, upper_limits: UpperLimits) -> None:
+    def __init__(self, axes: Coefficients, upper_limits: UpperLimits, source: str) -> None:
         if upper_limits not in ("refuse", "include", "zero"):
             raise ValueError(
                 f"unknown upper_limits {upper_limits!r}; choose refuse, include or zero"
             )
-        self._axes = axes
+        self.axes = axes
         self._upper_limits = upper_limits
+        self._source = source
         self._limited: dict[str, list[str]] = {}
 
     def each(self, kind: str, name: str) -> list[float]:
         """Return a coefficient of the three axes of a sensor; 0 for an axis without any."""
         numbers = []
         for axis in (f"{kind}{letter}" for letter in "xyz"):
-            found = self._axes.get(axis)
+            found = self.axes.get(axis)
             if not found:
                 numbers.append(0.0)
                 continue
@@ -381,9 +327,7 @@ class _Chosen:
 
         An upper limit below what another axis is known to have changes nothing.
         """
-        mine = {
-            axis: found[name] for axis, found in self._axes.items() if axis[0] == kind and found
-        }
+        mine = {axis: found[name] for axis, found in self.axes.items() if axis[0] == kind and found}
         if not mine:
             sensor = "gyro" if kind == "g" else "accelerometer"
             raise ValueError(f"no {sensor} axis was measured for long enough")
@@ -412,7 +356,8 @@ class _Chosen:
                 raise NotDetected(f"not detected, only an upper limit is known: {what}")
             number = "the upper limit" if self._upper_limits == "include" else "0"
             remarks.append(f"Not detected: {what}; {number} is given instead.")
-        return "\n".join([*(f"{comment} {text}" for text in (*about, *remarks)), *lines, ""])
+        comments = [about[0] + _of(self._source), *about[1:], *remarks]
+        return "\n".join([*(f"{comment} {text}" for text in comments), *lines, ""])
 
     def _number(self, found: Coefficient) -> float:
         if found.detected:
@@ -424,3 +369,15 @@ def _of(source: str) -> str:
     # A name must not end the comment that it stands in.
     shown = "".join(letter if letter.isprintable() else "?" for letter in source)
     return f" Source: {shown}" if source else ""
+
+
+LAYOUTS: Mapping[str, Callable[[_Values, float], str]] = {
+    "kalibr": _kalibr,
+    "openvins": _openvins,
+    "orb-slam3": _orb_slam3,
+    "vins": _vins,
+    "ros": _ros_covariance,
+    "axes": _each_axis,
+    "matlab": _matlab_imu_sensor,
+}
+"""Every file by whose it is: from coefficients and rate to its text."""

@@ -230,7 +230,12 @@ def _export_coefficients(
     layout: str,
     upper_limits: UpperLimits,
 ) -> None:
-    from allanscope.pipeline.exports import CONTENTS, LAYOUTS, NotDetected, bound_yaml
+    from allanscope.pipeline.exports import (
+        CONTENTS,
+        NotDetected,
+        bound_yaml,
+        coefficients_file,
+    )
 
     require_writable(out)
     curves = {}
@@ -251,8 +256,12 @@ def _export_coefficients(
         if layout == "bound":
             text = bound_yaml(curves, source=facts)
         else:
-            text = LAYOUTS[layout](
-                stored.coefficients, stored.rate_hz, source=facts, upper_limits=upper_limits
+            text = coefficients_file(
+                layout,
+                stored.coefficients,
+                stored.rate_hz,
+                source=facts,
+                upper_limits=upper_limits,
             )
     except NotDetected as error:
         raise InputError(

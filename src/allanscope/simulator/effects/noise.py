@@ -13,13 +13,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
 from allanscope.simulator.effects import Apply, Conditions, EffectContext, Parameter, effect
+
+if TYPE_CHECKING:
+    from allanscope.simulator.noise import GaussMarkov, Narrowband, PowerLaw
 
 __all__ = [
     "band_limit",
@@ -31,6 +34,15 @@ __all__ = [
     "scale_drift",
     "variance_change",
 ]
+
+
+def _added(process: GaussMarkov | Narrowband | PowerLaw) -> Apply:
+    """Return what adds a process to the samples of an axis."""
+
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        values += process.take(len(values))
+
+    return apply
 
 
 @effect(
@@ -47,11 +59,7 @@ def gauss_markov(parameters: Mapping[str, float], context: EffectContext) -> App
     process = GaussMarkov(
         parameters["sigma"], parameters["correlation_time"], context.rate_hz, context.rng
     )
-
-    def apply(values: NDArray[Any], conditions: Conditions) -> None:
-        values += process.take(len(values))
-
-    return apply
+    return _added(process)
 
 
 @effect(
@@ -73,11 +81,7 @@ def narrowband(parameters: Mapping[str, float], context: EffectContext) -> Apply
         context.rate_hz,
         context.rng,
     )
-
-    def apply(values: NDArray[Any], conditions: Conditions) -> None:
-        values += process.take(len(values))
-
-    return apply
+    return _added(process)
 
 
 @effect(
@@ -93,11 +97,7 @@ def power_law(parameters: Mapping[str, float], context: EffectContext) -> Apply:
 
     h = parameters["density"] ** 2
     process = PowerLaw(-parameters["exponent"], h, context.rate_hz, context.rng)
-
-    def apply(values: NDArray[Any], conditions: Conditions) -> None:
-        values += process.take(len(values))
-
-    return apply
+    return _added(process)
 
 
 @effect(

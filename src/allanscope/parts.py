@@ -23,7 +23,9 @@ __all__ = [
     "GYRO_CUTOFF_SHARE",
     "GYRO_LPF1_HZ",
     "GYRO_SCALES",
+    "OSCILLATOR_TOLERANCE",
     "PARTS",
+    "RESET_FULL_SCALES",
     "Mode",
     "Part",
     "full_scale_of",
@@ -59,6 +61,12 @@ table; a public driver gives 66.8 Hz at 208 Hz for a sibling. Offered to a fit, 
 
 ACCEL_CUTOFF_SHARES = (1 / 2, 1 / 4, 1 / 9, 1 / 50, 1 / 100, 1 / 400)
 """Cutoffs of the accelerometer's LPF1 and LPF2 settings as parts of the rate: table 73."""
+
+RESET_FULL_SCALES: Mapping[str, float] = {"gyro": 250.0, "accel": 2.0}
+"""Full scales in dps and g that these parts have until somebody writes to their registers."""
+
+OSCILLATOR_TOLERANCE = 0.1
+"""The sample rate of no part is off by a larger share: the datasheets say 6.5 or 7 per cent."""
 
 Mode = Literal["high-performance", "normal", "low-power"]
 """Power mode, on which the published noise depends."""

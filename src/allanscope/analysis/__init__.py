@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     )
     from allanscope.analysis.undisturbed import Undisturbed
     from allanscope.analysis.verdict_lines import (
+        NOTICEABLE_LOSS,
         Grade,
         Verdict,
         VerdictLine,
@@ -98,6 +99,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FEWEST_ROWS",
+    "NOTICEABLE_LOSS",
     "SCHEMA",
     "UNEXPLAINED",
     "AlignedRecords",
@@ -190,6 +192,7 @@ __getattr__, __dir__ = lazily(
         "read_reference": "comparison",
         "Finding": "findings",
         "Grade": "verdict_lines",
+        "NOTICEABLE_LOSS": "verdict_lines",
         "Level": "result",
         "LoopInput": "analyser",
         "ModelCurve": "result",

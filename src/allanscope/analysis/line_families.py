@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 from allanscope.quantities import number
 
-__all__ = ["Line", "Relation", "fold", "relations_of"]
+__all__ = ["FOLDS", "Line", "Relation", "fold", "relations_of"]
 
+FOLDS = 12
+"""Highest multiple of the sample rate about which a line is looked for."""
 _FOLDED_HIGHEST = 9
 """Highest order of a harmonic that is seen folded."""
 _CHANCE = 0.01

@@ -26,7 +26,7 @@ from scipy.fft import fft, ifft, next_fast_len
 from scipy.special import chdtrc
 
 from allanscope.analysis.experiments import Experiment, another_rate
-from allanscope.analysis.line_families import fold
+from allanscope.analysis.line_families import FOLDS, fold
 from allanscope.quantities import DEVIATION, MAD_TO_SIGMA, TWO_SIDED_95, number, symbols
 
 __all__ = [
@@ -44,8 +44,6 @@ Array = NDArray[np.float64]
 Arrivals = tuple[NDArray[np.int64], Array, NDArray[np.int64]]
 Source = Literal["internal", "external", "free-running", "unknown"]
 
-_FOLDS = 12
-"""Highest multiple of the sample rate about which a line is looked for."""
 _BLOCKS = 512
 """Sums into which the record is reduced; none may be longer than a fifth of a cycle of offset."""
 _PADDING = 4
@@ -419,8 +417,8 @@ def origin_of(
     line = reduced(values, numbers, rate_hz, seen, max(high - low, width_hz), wander, pieces)
     source: Source = "unknown"
     margin, chosen = 0.0, None
-    places = [k * rate_hz + sign * seen for k in range(_FOLDS + 1) for sign in (1, -1)]
-    betas = [k * rate_hz + seen for k in range(-_FOLDS, _FOLDS + 1)]
+    places = [k * rate_hz + sign * seen for k in range(FOLDS + 1) for sign in (1, -1)]
+    betas = [k * rate_hz + seen for k in range(-FOLDS, FOLDS + 1)]
     left = sorted(one for one in places if one > 0)
     gain = 0.0
     if line is not None:

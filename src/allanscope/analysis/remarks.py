@@ -28,7 +28,7 @@ from allanscope.analysis.result import AxisAnalysis, ModelCurve, Rate, Reading
 from allanscope.clock import DISAGREEMENT
 from allanscope.explain import Effect
 from allanscope.noise import Coefficient, resolution_advice
-from allanscope.parts import ACCEL_SCALES, GYRO_SCALES
+from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, OSCILLATOR_TOLERANCE
 from allanscope.quantities import COEFFICIENTS, GRAVITY, duration, number, symbols
 from allanscope.samples import unit_of
 
@@ -158,9 +158,6 @@ def _is_of_digits(step: float, unit: str) -> bool:
     return any(abs(exponent - round(exponent)) < _PRINTED for exponent in exponents)
 
 
-OSCILLATOR = 0.1
-"""No sensor of these is off by more: their data sheets say 6.5 or 7 per cent."""
-
 TIMER_MS = 5
 """Firmware that reads a sensor by a timer does so every 10, 20 or 40 ms."""
 
@@ -196,13 +193,13 @@ def sampling_remarks(
         return tuple(out)
     share = rate.measured_hz / rate.nominal_hz
     rows = f"{number(rate.measured_hz, 4)} rows arrive per second"
-    if share < 1.0 - OSCILLATOR:
+    if share < 1.0 - OSCILLATOR_TOLERANCE:
         out.append(
             f"{rows} of a sensor set to {number(rate.nominal_hz, 4)} Hz: the reader is slower than "
             f"the sensor and reads one sample in {number(1.0 / share, 3)}; noise above half the "
             "reading rate is aliased."
         )
-    elif share > 1.0 + OSCILLATOR and not repeated:
+    elif share > 1.0 + OSCILLATOR_TOLERANCE and not repeated:
         out.append(
             f"{rows} although the sensor is set to {number(rate.nominal_hz, 4)} Hz, and no row "
             "repeats: the sensor is set to another rate."
@@ -229,7 +226,7 @@ def _skipped(rate: Rate, offered_hz: Sequence[float]) -> str:
     above_hz = rate.measured_hz * (1.0 + CRYSTALS)
     claimed = rate.nominal_hz > above_hz
     faster = [rate.nominal_hz] if claimed else [hz for hz in offered_hz if hz > above_hz]
-    if not faster or rate.measured_hz / faster[0] < 1.0 - OSCILLATOR:
+    if not faster or rate.measured_hz / faster[0] < 1.0 - OSCILLATOR_TOLERANCE:
         return ""
     share = number(100.0 * (1.0 - rate.measured_hz / faster[0]), 2)
     period_ms = TIMER_MS * round(timers)

@@ -12,13 +12,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from allanscope.analysis.line_families import fold
+from allanscope.analysis.line_families import FOLDS, fold
 from allanscope.quantities import TWO_SIDED_95, number
 
 __all__ = ["RecordedLines", "SharedLine", "lines_in_both"]
 
-_FOLDS = 12
-"""Highest multiple of the sample rate about which a line is looked for."""
 _AGREE = 3.0
 """Standard errors within which a frequency agrees."""
 _SHOWN = 3
@@ -154,7 +152,7 @@ def _matches(
 
 def _places(seen: float, rate_hz: float) -> list[tuple[float, int]]:
     """Return the true frequencies that would be seen there, and the multiple of the rate."""
-    both = [(k * rate_hz + sign * seen, k) for k in range(_FOLDS + 1) for sign in (1, -1)]
+    both = [(k * rate_hz + sign * seen, k) for k in range(FOLDS + 1) for sign in (1, -1)]
     return sorted(one for one in both if one[0] > 0)
 
 

@@ -35,13 +35,13 @@ from allanscope.quantities import (
     symbols,
 )
 
-__all__ = ["Grade", "Verdict", "VerdictLine", "verdict", "was_searched"]
+__all__ = ["NOTICEABLE_LOSS", "Grade", "Verdict", "VerdictLine", "verdict", "was_searched"]
 
 Grade = Literal["good", "bad", "note"]
 
 _NAMED = 3
 """Findings that a verdict names: what else there is stands in the report."""
-_NOTICEABLE_LOSS = 1e-3
+NOTICEABLE_LOSS = 1e-3
 """Share of the samples that may be missing before it counts against the run."""
 
 
@@ -349,7 +349,7 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
     if not analysis.lost_samples and not analysis.unknown_losses:
         return suspects
     share = analysis.lost_samples / max(analysis.samples + analysis.lost_samples, 1)
-    grade: Grade = "bad" if share > _NOTICEABLE_LOSS else "note"
+    grade: Grade = "bad" if share > NOTICEABLE_LOSS else "note"
     text = f"{losses_text(analysis)} ({number(100.0 * share, 2)} %)"
     return [VerdictLine(grade, "Lost samples", text), *suspects]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.analysis import Grade, Verdict, VerdictLine
+from allanscope.analysis import NOTICEABLE_LOSS, Grade, Verdict, VerdictLine
 from allanscope.fleet.effects import SIZES, SharedEffect, effects_in
 from allanscope.fleet.lot import TAUS, Lot
 from allanscope.fleet.outliers import (
@@ -49,9 +49,6 @@ LEAST_EDF = 4.0
 
 MODEL_LEVEL = 0.01
 """Probability at which a single run says that the model does not explain it."""
-
-_NOTICEABLE_LOSS = 1e-3
-"""Share of the samples that may be missing before it counts, as for a single run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,7 +347,7 @@ def _loss_lines(lot: Lot) -> list[VerdictLine]:
         f"{np.count_nonzero(lost > 0)} of {len(names)} recordings; most in {names[most]} "
         f"({number(100.0 * share[most], 2)} %)"
     )
-    grade: Grade = "bad" if share[most] > _NOTICEABLE_LOSS else "note"
+    grade: Grade = "bad" if share[most] > NOTICEABLE_LOSS else "note"
     return [VerdictLine(grade, "lost samples", text)]
 
 

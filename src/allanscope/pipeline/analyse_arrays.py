@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan import CurveChoices
 from allanscope.analysis import Analyser, Analysis, summarise
-from allanscope.parts import PARTS, part_named
+from allanscope.parts import OSCILLATOR_TOLERANCE, PARTS, RESET_FULL_SCALES, part_named
 from allanscope.pipeline.analyse_file import analyse_input, full_settings
 from allanscope.pipeline.columns import (
     Columns,
@@ -50,14 +50,8 @@ ROWS = 1 << 16
 LOOKED_AT = 1 << 14
 """Rows by whose times it is told how they are paced."""
 
-AGREES = 0.1
-"""Relative difference of a given rate and the times' that a sensor's own clock may make."""
-
 LONG_STEP = 1.5
 """Times that lie farther apart than this many periods have samples missing between them."""
-
-AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
-"""Full scales of these parts after a reset."""
 
 
 def analyse(
@@ -264,7 +258,7 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
         return _Timing(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
     period = period_of(cast("Any", first))
     shown = 1.0 / period if period else mean
-    if given and shown and abs(shown / given - 1.0) > AGREES:
+    if given and shown and abs(shown / given - 1.0) > OSCILLATOR_TOLERANCE:
         words = (
             f"the times show {shown:.4g} rows per second, not the given {given:g} Hz; "
             "they are ignored"
@@ -293,7 +287,7 @@ def _scale_remarks(columns: Columns, device: DeviceSettings) -> list[str]:
         if columns.unit(axis) == "lsb" and axis not in columns.scales
     }
     return [
-        f"counts of {sensor} without a full scale: {AFTER_RESET[sensor]:g} "
+        f"counts of {sensor} without a full scale: {RESET_FULL_SCALES[sensor]:g} "
         f"{'dps' if sensor == 'gyro' else 'g'} assumed"
         for sensor in counted
         if given[sensor] is None
@@ -306,8 +300,8 @@ def _described(
     """Return what the samples mean, and what gives the counts of some rows in that meaning."""
     part = part_named(device.part) if device.part else PARTS["LSM6DSM"]
     scale_of_counts = {
-        "gyro": part.gyro_scale(device.gyro_fs or AFTER_RESET["gyro"]),
-        "accel": part.accel_scale(device.accel_fs or AFTER_RESET["accel"]),
+        "gyro": part.gyro_scale(device.gyro_fs or RESET_FULL_SCALES["gyro"]),
+        "accel": part.accel_scale(device.accel_fs or RESET_FULL_SCALES["accel"]),
     }
     scales = []
     for axis in columns.axes:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.parts import PARTS, part_named
+from allanscope.parts import OSCILLATOR_TOLERANCE, PARTS, RESET_FULL_SCALES, part_named
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.rows import HELD, Interpretation, Row, Values, nominal_rate
@@ -38,12 +38,8 @@ _USUAL = {"gyro": "dps", "accel": "g"}
 _LONGEST_MS = 150
 """Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz), and by more
 than as many thousands ns."""
-_AGREES = 0.1
-"""Relative difference of a given rate and the times' that a sensor's own clock may make."""
 _FARTHEST = 2.5
 """So many times the longest step between bursts is a gap all the same."""
-_AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
-"""Full scales that these parts have until somebody writes to their registers."""
 
 
 class _Timing(NamedTuple):
@@ -218,7 +214,7 @@ class TextInterpreter:
         period = period_of(whole)
         # Of few rows of a clock that stands still for several, rows over time says little.
         shown = 1.0 / period if period else mean if len(whole) > 4 * HELD else 0.0
-        if given and shown and abs(shown / given - 1.0) > _AGREES:
+        if given and shown and abs(shown / given - 1.0) > OSCILLATOR_TOLERANCE:
             remarks.append(
                 f"the times show {shown:.4g} rows per second, not the given {given:g} Hz; "
                 "they are ignored"
@@ -258,16 +254,14 @@ class TextInterpreter:
             remarks.append(f"the text gives no unit of {sensor}: {words} assumed{why}")
         full_scale = self._settings.gyro_fs if sensor == "gyro" else self._settings.accel_fs
         if unit == "lsb" and full_scale is None:
-            name = "dps" if sensor == "gyro" else "g"
-            remarks.append(
-                f"counts of {sensor} without a full scale: {_AFTER_RESET[sensor]:g} {name} assumed"
-            )
+            assumed = f"{RESET_FULL_SCALES[sensor]:g} {_USUAL[sensor]} assumed"
+            remarks.append(f"counts of {sensor} without a full scale: {assumed}")
         return unit
 
     def _scale_of_counts(self, sensor: Quantity) -> float:
         if sensor == "gyro":
-            return self._part.gyro_scale(self._settings.gyro_fs or _AFTER_RESET["gyro"])
-        return self._part.accel_scale(self._settings.accel_fs or _AFTER_RESET["accel"])
+            return self._part.gyro_scale(self._settings.gyro_fs or RESET_FULL_SCALES["gyro"])
+        return self._part.accel_scale(self._settings.accel_fs or RESET_FULL_SCALES["accel"])
 
 
 def _sensor(axis: str) -> Quantity:

@@ -148,10 +148,10 @@ class Session:
         self._earlier = earlier
         self._stop = threading.Event()
         if recorder is None:
-            self._inbox = ReadQueue(REPLAY_ROOM)
+            self._reads = ReadQueue(REPLAY_ROOM)
         else:
             # At once at first: a device that has to be asked for samples waits for each next word.
-            self._inbox = ReadQueue(LIVE_ROOM, 0.0, live=True)
+            self._reads = ReadQueue(LIVE_ROOM, 0.0, live=True)
         self._together_s = UNWATCHED_READ_S if policy is UNWATCHED else TOGETHER_S
         self._notices = NoticeQueue() if notices is None else notices
         self._reader_error: BaseException | None = None
@@ -197,17 +197,17 @@ class Session:
             for event in self._earlier:
                 self.analyser.feed(event)
             self._fresh_events()  # what was found before is in the result, and not reported again
-            while (chunks := self._inbox.get_all())[-1].event != "end":
+            while (chunks := self._reads.get_all())[-1].event != "end":
                 self._process(chunks)
                 if self.recorder is not None and self._has_result():
-                    self._inbox.together_s = self._together_s
+                    self._reads.together_s = self._together_s
             self._process(chunks[:-1])
             for event in self.decoding.finish():
                 self._emit(event)
             self.decoding.stop_device()
         finally:
             self._stop.set()
-            self._inbox.release_reader()
+            self._reads.release_reader()
             self.loop_process.close()
             self._refresher.close()
             self.source.close()
@@ -269,12 +269,12 @@ class Session:
                     self.recorder.rx(chunk)
                 if chunk.event == "end":
                     break
-                self._inbox.put(chunk)
+                self._reads.put(chunk)
                 if time.monotonic() >= deadline:
                     break
         except Exception as error:
             self._reader_error = error
-        self._inbox.end()
+        self._reads.end()
 
     def _process(self, chunks: Sequence[Chunk]) -> None:
         if not chunks:

@@ -31,8 +31,8 @@ __all__ = ["IioSource"]
 WAIT_MS = 100
 READ_BYTES = 1 << 16
 RETRY_S = 1.0
-TELL_S = 1.0
-LEFT_ALONE_S = 2.0
+STATUS_EVERY_S = 1.0
+LONGEST_UNPAIRED_S = 2.0
 """A scan whose partner of the other device has not come by then has none."""
 _SETTINGS = {"rate_hz": "", "gyro_fs": "gx", "accel_fs": "ax"}
 """What a host may set, and an axis of the sensor that it is about."""
@@ -103,7 +103,7 @@ class IioSource:
         self._settings = settings or SourceSettings()
         self._clock = clock
         self._encoder = format_named("native").encoder()
-        self._inbox: deque[bytes] = deque()
+        self._requests: deque[bytes] = deque()
         self._closing = threading.Event()
         self._reading = threading.Lock()
         self._buffers: list[_Buffer] = []
@@ -143,8 +143,8 @@ class IioSource:
                 return Chunk(self._clock(), event="end")
             if self._lost_ns is not None:
                 return self._find_driver()
-            while self._inbox:
-                for command in self._encoder.receive(self._inbox.popleft()):
+            while self._requests:
+                for command in self._encoder.receive(self._requests.popleft()):
                     self._execute(command)
             try:
                 came = self._read_scans()
@@ -165,7 +165,7 @@ class IioSource:
 
     def write(self, data: bytes) -> None:
         """Send commands of the native protocol; they are obeyed by the next read."""
-        self._inbox.append(data)
+        self._requests.append(data)
 
     def close(self) -> None:
         """Switch the buffers off."""
@@ -211,7 +211,7 @@ class IioSource:
         self._first_ns: int | None = None
         self._produced = self._sent = 0
         self._last_data_ns = self._began_ns = self._clock()
-        self._next_ns = self._began_ns + int(TELL_S * 1e9)
+        self._next_ns = self._began_ns + int(STATUS_EVERY_S * 1e9)
         self._out += self._encoder.describe(self._info)
 
     def _stop(self) -> None:
@@ -290,13 +290,13 @@ class IioSource:
     def _too_old(self, times: NDArray[np.int64]) -> int:
         if not len(times):
             return 0
-        return int(np.searchsorted(times, times[-1] - int(LEFT_ALONE_S * 1e9)))
+        return int(np.searchsorted(times, times[-1] - int(LONGEST_UNPAIRED_S * 1e9)))
 
     def _send_status(self, now: int) -> None:
         """Say once a second what follows and how it goes."""
         if now < self._next_ns or not self._streaming:
             return
-        self._next_ns = now + int(TELL_S * 1e9)
+        self._next_ns = now + int(STATUS_EVERY_S * 1e9)
         lost = self._produced - self._sent
         uptime_s = (now - self._began_ns) * 1e-9
         self._out += self._encoder.describe(self._info)

@@ -86,7 +86,7 @@ def suspects(rows: np.ndarray) -> int:
     for start in range(0, len(rows), 1000):
         piece = rows[start : start + 1001]
         found += int(follower.isolated(piece)[:1000].sum())
-        follower.follow(piece[:1000])
+        follower.update(piece[:1000])
     return found
 
 

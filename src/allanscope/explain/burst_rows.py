@@ -27,6 +27,7 @@ too.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -60,7 +61,9 @@ alternatives: of 160 records of six axes in noise 3 gained more than a limit wit
 _DECAYS, _ROWS = (0.5, 0.71, 1.0, 1.41, 2.0), 16
 """Decays and rows in one at which it is looked at more closely."""
 _POINTS = 4096
-"""Places that are transformed, and of which a median is taken, at once."""
+"""Places of which a median is taken."""
+_AT_ONCE = 1 << 16
+"""Numbers that are transformed at once: what is made of them stays in the cache."""
 _SMOOTH, _LINE = 9, 3.0
 """Ordinates over which the noise is even, and standard errors by which a line exceeds it."""
 _FLAT = 0.85
@@ -151,10 +154,9 @@ def find_bursts(
         bank = _Bank(rows, decay)
         if bank.flatness < _FLAT:
             break  # what wanders shows the more, the finer the frequencies are
-        power = bank.power(np.arange(0, len(bank.rows), bank.hop))
-        inner = power[:, _SWINGS:-_TOP] / bank.mean[_SWINGS:-_TOP]
-        loudness = _of_windows(_loudness(inner)) if loudness is None else loudness
-        for place in _loud_places(inner.max(axis=1), _CLOSER * (looked_at - np.log(ALPHA))):
+        best, loud = bank.scanned(with_loudness=loudness is None)
+        loudness = _of_windows(loud) if loudness is None else loudness
+        for place in _loud_places(best, _CLOSER * (looked_at - np.log(ALPHA))):
             burst = _at(bank, place * bank.hop, loudness, looked_at)
             if burst is not None and burst.gain > looked_at - np.log(ALPHA):
                 found.append(burst)
@@ -248,11 +250,28 @@ class _Bank:
 
     def power(self, starts: NDArray[np.int64]) -> Array:
         """Return the power at some places, shape (places, size // 2 + 1)."""
-        form, parts = self.form.astype(np.float32), []
-        for k in range(0, len(starts), _POINTS):
-            z = rfft(self.rows[starts[k : k + _POINTS]] * form, axis=1)
-            parts.append(z.real**2 + z.imag**2)
-        return np.concatenate(parts)
+        form, at_once = self.form.astype(np.float32), max(1, _AT_ONCE // self.size)
+        found: NDArray[Any] = np.empty((len(starts), self.size // 2 + 1), np.float32)
+        for k in range(0, len(starts), at_once):
+            z = rfft(self.rows[starts[k : k + at_once]] * form, axis=1)
+            np.add(z.real**2, z.imag**2, out=found[k : k + at_once])
+        return found
+
+    def scanned(self, *, with_loudness: bool) -> tuple[Array, Array]:
+        """Return the largest relative power at all places, and with it how loud it is there."""
+        places = range(0, len(self.rows), self.hop)
+        form, at_once = self.form.astype(np.float32), max(1, _AT_ONCE // self.size)
+        mean = self.mean[_SWINGS:-_TOP]
+        best, loudness = np.empty(len(places)), np.empty(len(places) if with_loudness else 0)
+        for k in range(0, len(places), at_once):
+            some = places[k : k + at_once]
+            z = rfft(self.rows[some.start : some.stop : self.hop] * form, axis=1)
+            z = z[:, _SWINGS:-_TOP]
+            relative = (z.real**2 + z.imag**2) / mean
+            best[k : k + at_once] = relative.max(axis=1)
+            if with_loudness:
+                loudness[k : k + at_once] = _loudness(relative)
+        return best, loudness
 
     def closer(self, starts: NDArray[np.int64], decays: Array) -> tuple[Array, Array]:
         """Return the complex amplitude and the relative power, shape (starts, decays, size + 1).

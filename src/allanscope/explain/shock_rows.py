@@ -164,13 +164,17 @@ def _soft(
 ) -> tuple[list[ShockRows], float]:
     """Return what rings softly, away from what is loud, and the log of what was looked at."""
     rows = {axis: one.rows for axis, one in away.items() if one.sigma > _FINEST * steps[axis]}
-    found: list[tuple[str, Burst]] = []
     looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
-    with ThreadPoolExecutor(get_workers()) as threads:  # as many as transforms may have
-        each = threads.map(lambda x: find_bursts(x, rate_hz, len(rows), repeated), rows.values())
-    for axis, (bursts, on_axis) in zip(rows, each, strict=True):
-        looked_at = on_axis
-        found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
+    with ThreadPoolExecutor(get_workers()) as pool:  # as many as a transform may have
+        each = list(pool.map(lambda x: find_bursts(x, rate_hz, len(rows), repeated), rows.values()))
+    if each:
+        looked_at = each[0][1]  # the same for every axis
+    found = [
+        (axis, burst)
+        for axis, (bursts, _) in zip(rows, each, strict=True)
+        for burst in bursts
+        if not _is_near(burst, groups, rate_hz)
+    ]
     sets: list[list[tuple[str, Burst]]] = []
     for one in sorted(found, key=lambda pair: pair[1].first):
         if sets and one[1].first < max(burst.stop for _, burst in sets[-1]):

@@ -34,7 +34,7 @@ noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in sample
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -59,6 +59,8 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
+Noise = tuple[int, float]
+"""A power law, and the width of its filter."""
 
 _ONE_BY_ONE = 1024
 """Up to this many lags every one is summed."""
@@ -247,16 +249,17 @@ def difference_overlap(
 
         def summed(factor: float, count: float, step: float = step, mean: bool = averaged) -> float:
             span = factor / step
-            noises = [(law, _filter_width(law, int(factor), span, mean)) for law in pair]
-            return _overlap(noises, span, order, not mean, count) * count
+            first, second = ((law, _filter_width(law, int(factor), span, mean)) for law in pair)
+            return _overlap((first, second), span, order, not mean, count) * count
 
         factor, count = float(m[i]), float(terms[i])
         found[i] = _by_neighbours(summed, factor, step, count, straight=True) / count
     return found
 
 
+@lru_cache(maxsize=1 << 13)  # estimators of one family, and records of one length, ask the same
 def _overlap(
-    noises: Sequence[tuple[int, float]], span: float, order: int, sampled: bool, terms: float
+    noises: tuple[Noise, Noise], span: float, order: int, sampled: bool, terms: float
 ) -> float:
     """Return c_ij of two noises, each a power law and the width of its filter; 1 / edf of one."""
     edge, width, centre = _blocks(span, order + 1)

@@ -139,8 +139,13 @@ def band(count: int, level: float = 0.95, runs: int = 2000) -> tuple[Array, Arra
 
 
 def outside(ranks: Array) -> float:
-    """Return how far the distribution of ranks goes towards its band; beyond 1, outside."""
+    """Return how far the distribution of ranks goes towards its band; beyond 1, outside.
+
+    Where few ranks let the band reach 0 or 1, no distribution can leave it there: that none is
+    below the first percentile of 50 says nothing.
+    """
     low, high = band(len(ranks))
+    low, high = np.where(low > 0, low, -np.inf), np.where(high < 1, high, np.inf)
     away = np.searchsorted(np.sort(ranks), POINTS, side="right") / len(ranks) - POINTS
     room = np.maximum(np.where(away > 0, high - POINTS, POINTS - low), 1e-9)
     return float(np.max(np.abs(away) / room))

@@ -18,7 +18,9 @@ from rank_effects import STUDIES, Hidden, Hider
 from rank_streams import BLOCK_S, ONSETS, onset, rate
 from scipy.optimize import brentq
 from scipy.stats import chi2, norm
+from scipy.stats import t as student
 
+from allanscope.clock.rate import ORDINATES
 from allanscope.explain import Effect, Parameter, explain
 from allanscope.explain.effects import KINDS
 from allanscope.explain.given_detection import conditional_rank
@@ -169,10 +171,10 @@ def effect(study: str) -> Draw:
 
 
 def clock(rng: np.random.Generator) -> Outcome:
-    """Draw the rate of a stream."""
-    true, limits = rate(rng)
-    found = rank_of_parameter(Parameter(*limits), true)
-    return Outcome() if found is None else Outcome(found=2, ranks={"rate": found})
+    """Draw the rate of a stream: its sigma is known from few ordinates (Student's distribution)."""
+    true, (value, _, upper) = rate(rng)
+    away = (true - value) / (upper - value) * student.ppf(0.975, ORDINATES)
+    return Outcome(found=2, ranks={"rate": float(student.cdf(away, ORDINATES))})
 
 
 def begun(kind: str) -> Draw:
@@ -186,7 +188,8 @@ def begun(kind: str) -> Draw:
             return Outcome(found=int(bool(made.events)))
         first = own[0].occurrences[0]
         moment = Parameter(first.onset_s, first.lower_s, first.upper_s)
-        ranks = {"onset": rank_of_parameter(moment, made.at_s, BLOCK_S)}
+        block_s = 0.0 if kind == "ramp" else BLOCK_S  # the moment of a jump is known to a block
+        ranks = {"onset": rank_of_parameter(moment, made.at_s, block_s)}
         if own[0].frequency_hz is not None and own[0].frequency_interval_hz is not None:
             line = Parameter(own[0].frequency_hz, *own[0].frequency_interval_hz)
             ranks["frequency"] = rank_of_parameter(line, made.frequency_hz)
@@ -254,11 +257,16 @@ def rank_of_parameter(found: Parameter, truth: float, row: float = 0.0) -> float
         return None
     if lower > 0 and abs(np.sqrt(lower * upper) / value - 1) < 1e-6:  # of a logarithm
         value, lower, upper, truth = (float(np.log(x)) for x in (value, lower, upper, truth))
+    if upper - value < 1e-9 * (value - lower):  # not after it
+        return 0.05 ** max((value - truth) / (value - lower), 0.0)
     width = upper - value if truth > value else value - lower
     distance = (truth - value) / max(width, 1e-300)
     if row:
         away = abs(distance)
-        beyond = max(0.5 - 0.475 * away, 0.025 / away) if width < row else 0.5 * 0.05**away
+        if width >= row:
+            beyond = 0.5 * 0.05**away
+        else:
+            beyond = 0.5 - 0.475 * away if away < 1 else 0.025 / away
         return 1 - beyond if distance > 0 else beyond
     return float(norm.cdf(TWO_SIDED_95 * distance))
 

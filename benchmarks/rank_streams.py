@@ -60,7 +60,7 @@ class Begun:
 def onset(kind: str, rng: np.random.Generator) -> Begun:
     """Let something begin in a stream, and watch it.
 
-    Losses and repeats begin with the first; outliers may have begun before one was seen.
+    What is counted has begun before the first one is seen.
     """
     n = int(RATE * (BEFORE + AFTER))
     at = BEFORE + rng.uniform(0.0, 20.0)
@@ -84,19 +84,16 @@ def onset(kind: str, rng: np.random.Generator) -> Begun:
     if kind == "repeated_samples":
         again = after & (rng.random(n) < 0.02 * size)
         counts = counts[np.maximum.accumulate(np.where(again, 0, np.arange(n)))]
-        at = float(t[np.argmax(again)])
-    events, lost = _watched(kind, counts, at, size, rng)
-    return Begun(at if lost is None else lost, frequency, events)
+    return Begun(at, frequency, _watched(kind, counts, at, size, rng))
 
 
 def _watched(
     kind: str, counts: Array, at: float, size: float, rng: np.random.Generator
-) -> tuple[tuple[Event, ...], float | None]:
-    """Return the events, and when a frame was lost first."""
+) -> tuple[Event, ...]:
+    """Return the events."""
     info = StreamInfo(axes=("gx",), scale=(1e-3,), nominal_hz=RATE)
     watch = Watch(info)
     frame = 13
-    lost: float | None = None
     drift = 2e-3 * size * (kind == "rate_change")
     for first in range(0, len(counts), frame):
         time_s = (first + frame - 1) / RATE
@@ -107,7 +104,6 @@ def _watched(
         )
         if kind == "lost_samples" and first / RATE >= at and rng.random() < 0.03 * size:
             watch.gap(Gap("link", frame))
-            lost = first / RATE if lost is None else lost
             continue
         watch.rows(counts[first : first + frame, np.newaxis])
-    return watch.events(RATE), lost
+    return watch.events(RATE)

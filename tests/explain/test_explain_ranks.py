@@ -65,7 +65,10 @@ def rank_of_instant(found: Parameter, truth: float, row: float) -> float:
     value, lower, upper = (float(x) for x in (found.value, found.lower, found.upper))
     width = upper - value if truth > value else value - lower
     away = abs(truth - value) / width
-    beyond = max(0.5 - 0.475 * away, 0.025 / away) if width < row else 0.5 * 0.05**away
+    if width >= row:
+        beyond = 0.5 * 0.05**away
+    else:
+        beyond = 0.5 - 0.475 * away if away < 1 else 0.025 / away
     return 1 - beyond if truth > value else beyond
 
 

@@ -61,6 +61,28 @@ def test_intervals_that_are_too_narrow_too_wide_or_shifted_leave_the_band(
     assert calibration.outside(norm.cdf(z)) > 1.0
 
 
+def test_few_ranks_say_nothing_where_the_band_ends_at_nought_or_one(calibration):
+    """Of 50 even ranks none is below the first percentile, which is no distance at all."""
+    assert calibration.outside((np.arange(50) + 0.5) / 50) < 0.5
+
+
+def test_the_rank_of_an_instant_is_a_probability_that_grows_with_the_truth(draws):
+    """Within a row it is as likely everywhere, beyond it falls off; never less than 0."""
+    for half in (0.3, 3.0):  # narrower and wider than a row of 1 s
+        found = draws.Parameter(10.0, 10.0 - half, 10.0 + half)
+        ranks = [draws.rank_of_parameter(found, x, 1.0) for x in 10 + half * np.linspace(-3, 3, 61)]
+        assert np.all(np.diff(ranks) > 0)
+        assert ranks[20] == pytest.approx(0.025)
+        assert ranks[40] == pytest.approx(0.975)
+        assert 0 < ranks[0] < ranks[-1] < 1
+
+
+def test_an_interval_that_ends_at_its_value_has_all_confidence_before_it(draws):
+    found = draws.Parameter(10.0, 4.0, 10.0)
+    assert draws.rank_of_parameter(found, 4.0, 1.0) == pytest.approx(0.05)
+    assert draws.rank_of_parameter(found, 10.0, 1.0) == 1.0
+
+
 def test_the_band_holds_nineteen_times_in_twenty(calibration):
     rng, points = np.random.default_rng(11), calibration.POINTS
     low, high = calibration.band(100)

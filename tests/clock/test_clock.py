@@ -297,7 +297,9 @@ def test_a_crystal_is_believed_against_a_host_that_read_late(catching_up_hz):
         clock = Clock(416.0, True, 1e-6, crystal)
         clock.update(0, Ticks(number, device_s, host_s, unknown))
         rates[crystal] = clock.rate()
-    assert abs(rates[False].hz / 416.0 - 1.0) > 1e-3, "the case is one"
+    late = rates[False].host
+    assert late is not None
+    assert abs(late.hz / 416.0 - 1.0) > 1e-3, "the host has read late"
     assert rates[True].source == "device"
     assert rates[True].hz == pytest.approx(416.0, rel=1e-5)
 

@@ -36,7 +36,7 @@ def test_two_sigma_cover_the_truth_and_are_useful(
         errors.append((rate.hz / one.true_hz - 1.0) * 1e6)
         sigmas.append(rate.uncertainty_ppm)
     z = np.array(errors) / np.array(sigmas)
-    assert np.mean(np.abs(z) < 2.0) >= 0.95
+    assert np.mean(np.abs(z) < 2.0) >= 0.875  # 35 of 40: of 95 %, 1 of 70 samples has fewer
     assert np.median(sigmas) < useful_ppm
 
 
@@ -49,6 +49,23 @@ def test_what_limits_a_short_run_is_not_overstated() -> None:
         one.feed(clock)
         z.append((clock.rate().hz / one.true_hz - 1.0) * 1e6 / clock.rate().uncertainty_ppm)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
+@pytest.mark.parametrize(("frame", "duration_s"), [(1, 60.0), (4, 20.0)])
+def test_steps_that_are_out_of_step_with_the_frames_are_not_added(
+    frame: int, duration_s: float
+) -> None:
+    """The phase of a step that frames pass again and again is in the scatter of the arrivals.
+
+    Root mean square of 40 deviates, 1 +- 0.11 if normal; 0.52 and 0.38 with a whole step added.
+    """
+    z = []
+    for seed in range(200, 240):
+        one = stream(seed, 104.0, duration_s, frame=frame, poll_s=16e-3 if frame == 1 else 1e-3)
+        clock = Clock(104.0)
+        one.feed(clock)
+        z.append((clock.rate().hz / one.true_hz - 1.0) * 1e6 / clock.rate().uncertainty_ppm)
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
 @pytest.mark.parametrize("nominal_hz", [0.0, 104.0, 208.0])
@@ -84,7 +101,7 @@ def test_a_quantised_device_time_covers_too() -> None:
             rate = clock.rate()
             assert rate.source == "device"
             z.append((rate.hz / one.true_hz - 1.0) * 1e6 / rate.uncertainty_ppm)
-        assert np.mean(np.abs(z) < 2.0) >= 0.95
+        assert np.mean(np.abs(z) < 2.0) >= 0.875
         assert rate.uncertainty_ppm < 10.0
 
 

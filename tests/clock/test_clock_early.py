@@ -83,7 +83,8 @@ def test_two_sigma_cover_the_truth_from_the_first_second_on(
             if rate.is_measured:
                 z[second].append((rate.hz / true_hz - 1.0) * 1e6 / rate.uncertainty_ppm)
     for second, found in z.items():
-        assert np.mean(np.abs(found) < 2.0) >= 0.92, second  # 37 of 40
+        # 35 of 40: where 95 % are held, 1 of 70 such samples has fewer.
+        assert np.mean(np.abs(found) < 2.0) >= 0.875, second
         assert np.max(np.abs(found)) < 5.0, second
 
 

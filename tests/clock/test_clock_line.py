@@ -73,6 +73,17 @@ def test_a_phase_that_creeps_by_one_step_is_allowed_for_in_rate_and_drift() -> N
     assert fit.drift_sigma_per_h == pytest.approx(3600.0 * 8.0 * step / fit.span_s**2, rel=1e-3)
 
 
+@pytest.mark.parametrize(("ratio", "share"), [(10.0, 1.0), (9.5, 0.5), (9.618034, 0.0)])
+def test_only_what_no_other_frame_takes_the_place_of_may_creep(ratio: float, share: float) -> None:
+    """Frames of p / q steps leave a q-th of one; with an irrational ratio nothing is left."""
+    frames = np.arange(ROWS) * 30  # thirty frames a row, and once another number
+    frames[-1] += 1
+    fit = fit_line(frames, frames * ratio * 1e-3, ONE_SEGMENT, 1e-3)
+    assert fit is not None
+    floor = share * 1e-3 / np.sqrt(12.0) / fit.span_s
+    assert fit.relative_sigma == pytest.approx(floor, rel=1e-2, abs=1e-3 / fit.span_s / 50)
+
+
 @pytest.mark.parametrize(
     ("index", "time_s"),
     [

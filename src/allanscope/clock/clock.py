@@ -49,6 +49,10 @@ MOST_SEGMENTS = ROWS // 8
 IN_STEP_S = 5.0
 """For so long a reader and a device may keep in step without being alike to a per cent."""
 
+FEWEST_READS, EVEN, CLEAR = 16, 0.9, 0.1
+"""Reads that tell the cadence of a reader, the share that find as many samples as most where the
+cadence is that of the frames, and the scatter of arrivals in units of a pause that is seen."""
+
 LONGEST_PAUSE_S = 20e-3
 """No reader and no adapter makes bytes wait for longer."""
 
@@ -219,6 +223,7 @@ class Envelope:
     def __init__(self, resolution_s: float, nominal_hz: float = 0.0, polled: bool = False) -> None:
         self._resolution_s = resolution_s
         self._polled = polled
+        self._pause_s = 0.0
         self._window_s = FIRST_WINDOW_S
         # Not zero: of samples that are seen at the same moment the last one has waited least.
         self._period_s = 1.0 / nominal_hz if nominal_hz > 0.0 else SHORTEST_PERIOD_S
@@ -281,8 +286,10 @@ class Envelope:
             self._index[rows],
             self._time_s[rows],
             self._segment[rows],
-            max(self._resolution_s, self._cadence_s(self._time_s[rows])),
+            self._resolution_s,
             self._temperature_c[rows],
+            self._pause_s,
+            self._cadence_s(self._time_s[rows]),
         )
 
     def _cadence_s(self, time_s: NDArray[np.float64]) -> float:
@@ -311,6 +318,8 @@ class Envelope:
         time_s: NDArray[np.float64],
         temperature_c: NDArray[np.float64],
     ) -> None:
+        if self._polled:
+            self._note_pause(index, time_s)
         best = self._earliest(index, time_s, np.zeros_like(index), from_first=True)
         taken = 0
         while taken < len(best):
@@ -324,6 +333,24 @@ class Envelope:
             self._used += len(room)
             taken += len(room)
         self._join()
+
+    def _note_pause(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
+        """Note the cadence of the reader.
+
+        One that pauses for longer than a frame takes finds now fewer, now more samples, each time
+        after its pause. One that pauses for less finds one frame, now a pause earlier, now later.
+        """
+        reads = np.flatnonzero(np.diff(time_s) > USB_FRAME_S / 2) + 1
+        if len(reads) < FEWEST_READS:
+            return
+        many, apart = np.diff(index[reads]), np.diff(time_s[reads])
+        pause_s = float(np.median(apart))
+        if np.mean(many == np.median(many)) > EVEN:
+            middle = float(apart.mean())
+            early, late = np.median(apart[apart <= middle]), np.median(apart[apart >= middle])
+            scatter = np.median(np.minimum(np.abs(apart - early), np.abs(apart - late)))
+            pause_s = float(late - early) if scatter < CLEAR * (late - early) else 0.0
+        self._pause_s = pause_s if pause_s <= LONGEST_PAUSE_S else 0.0
 
     def _widen(self) -> None:
         """Join rows, and double the windows until there is room."""

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95
 
@@ -29,10 +30,13 @@ STEP_ROWS = 4
 STEP_SIGMAS = 8.0
 STEP_S = 0.05
 OUTLIER_SIGMAS = 4.0
-LAG_SHARE = 0.25
-FIXED_LAG_WIDENING = 3.2 / TWO_SIDED_95
-"""The 95 % point of slope over its sigma when lags up to a quarter of the points are taken in, over
-that of a normal; found by simulation of 1500 straight lines in white noise."""
+ORDINATES = 6
+"""Ordinates of the residuals' spectrum that give the sigma of a slope, the lowest ones: few enough
+for a spectrum that rises towards them."""
+CRYSTALS = 1e-4
+"""Relative difference from the host's clock that the step of a device or of a bus may have."""
+MOST_PHASES = 64
+"""Phases of one step that frames take in turn; with so many there is nothing left to creep."""
 
 LEAST_WARMING_C = 0.5
 """Over less than this the noise of a thermometer would be taken for temperature."""
@@ -90,6 +94,8 @@ def fit_line(
     segment: NDArray[np.int64],
     resolution_s: float,
     temperature_c: Floats | None = None,
+    cadence_s: float = 0.0,
+    hidden_s: float = 0.0,
 ) -> LineFit | None:
     """Fit one rate to several stretches of numbers and times.
 
@@ -98,10 +104,15 @@ def fit_line(
     index, time_s, segment : ndarray, shape (k,)
         Sample numbers, their times in seconds, and the stretch that each belongs to, ascending.
     resolution_s : float
-        Step of the time stamps. A phase that creeps through one step cannot be told from a rate,
-        so the rate is never known better than a step over the span, uniformly distributed.
+        Step of the time stamps. A phase that creeps through one step cannot be told from a rate:
+        the rate is never known better than what may creep (`_room_to_creep`) over the span,
+        uniformly distributed.
     temperature_c : ndarray, shape (k,), optional
         Temperature at these samples; NaN where it is not known.
+    cadence_s : float
+        Another step, that of the reader.
+    hidden_s : float
+        What may creep whatever the length of a frame is.
 
     Returns
     -------
@@ -130,8 +141,14 @@ def fit_line(
         return None
     xc, residual = _centred(x, stretch, kept)[kept], residual[kept]
     span_s = float(np.ptp(x[kept])) * period_s
-    slope_sigma = _slope_sigma(xc, residual, freedom)
-    floor = resolution_s / np.sqrt(12.0) / span_s
+    slope_sigma = _slope_sigma(xc, residual, stretch[kept])
+    apart = np.diff(index)
+    frame = max(float(np.gcd.reduce(apart)), 1.0)
+    phases = np.arange(1, max(int(np.median(apart) / frame), 1) + 1)[:MOST_PHASES]
+    creep_s = max(
+        _room_to_creep(step, frame * period_s, span_s, phases) for step in (resolution_s, cadence_s)
+    )
+    floor = max(creep_s, hidden_s) / np.sqrt(12.0) / span_s
     drift, drift_sigma = _bend(xc**2, xc, residual, stretch[kept], freedom)
     drift_floor = 8.0 * floor / span_s  # a bend of one step, as the floor is a slope of one
     per_degc = per_degc_sigma = np.nan
@@ -213,22 +230,46 @@ def _inliers(residual: Floats) -> NDArray[np.bool_]:
     return (excess <= OUTLIER_SIGMAS * max(sigma, TIGHTEST_S)) & (excess >= -STEP_S)
 
 
-def _slope_sigma(xc: Floats, residual: Floats, freedom: int) -> float:
-    """Return the sigma of a slope whose residuals may be correlated over much of the run.
+def _slope_sigma(
+    shape: Floats, residual: Floats, stretch: NDArray[np.int64], *fitted: Floats
+) -> float:
+    """Return the sigma of a slope whose residuals may be correlated or beat.
 
-    Lags up to a quarter of the points are taken in, with linearly falling weights. The sum over so
-    many lags scatters and is too small on average; it is widened to its own 95 % point, as Kiefer
-    and Vogelsang do (Econometric Theory 21, 2005). Never less than for uncorrelated residuals.
+    A slope is nearly the lowest ordinate of the cosine transform, and as uncertain as its
+    neighbours are large: the mean square of the residual along the next `ORDINATES` cosines, less
+    what is along the fitted shapes (Mueller, "A theory of robust long-run variance estimation",
+    Journal of Econometrics 141, 2007). Exact in white noise; residuals that beat, which have
+    least power there, do not count for more than they do. The slope has Student's distribution;
+    sigma is widened to its 95 % point.
     """
-    score = xc * residual
-    longest = max(1, round(LAG_SHARE * len(score)))
-    lags = np.arange(1, longest)
-    products = np.correlate(score, score, "full")[len(score) - 1 :]
-    total = products[0] + 2.0 * float((1.0 - lags / longest) @ products[1:longest])
-    sxx = float(xc @ xc)
-    few = len(score) / (freedom - 2.0)
-    white = float(residual @ residual) / freedom / sxx
-    return float(np.sqrt(max(FIXED_LAG_WIDENING**2 * total * few / sxx**2, white)))
+    known = [shape, *fitted]
+    ordinates = min(ORDINATES, len(residual) - len(np.unique(stretch)) - len(known))
+    orders = np.arange(ordinates) + 1 + len(known)
+    place = (np.arange(len(residual)) + 0.5) / len(residual)
+    every = np.ones(len(residual), bool)
+    cosines = [_centred(np.cos(np.pi * order * place), stretch, every) for order in orders]
+    basis, _ = np.linalg.qr(np.column_stack([*known, *cosines]))
+    along = basis[:, len(known) :].T @ residual
+    widening = float(stdtrit(ordinates, 0.975)) / TWO_SIDED_95
+    return widening * float(np.sqrt(along @ along / ordinates / (shape @ shape)))
+
+
+def _room_to_creep(
+    step_s: float, frame_s: float, span_s: float, phases: NDArray[np.int64]
+) -> float:
+    """Return by how much the delay of frames may creep within a step without being seen, in s.
+
+    Frames of the length p / q steps come at q phases of a step, again and again: the earliest of
+    them may creep by a q-th of a step before the next one takes its place. As far as the two clocks
+    are unknown to each other, and the creep is less than that in the whole run, it looks like a
+    rate. A ratio without such a q has no room: what creeps falls back and is seen.
+    """
+    if not step_s > 0.0:
+        return 0.0
+    ratio = frame_s / step_s
+    away = np.abs(phases * ratio - np.round(phases * ratio))
+    alike = away < CRYSTALS * ratio * phases + frame_s / span_s
+    return step_s / float(phases[alike][0]) if alike.any() else 0.0
 
 
 def _warmth(x: Floats, temperature_c: Floats, stretch: NDArray[np.int64]) -> Floats:
@@ -259,7 +300,7 @@ def _bend(
     if not float(bend @ bend) > 0.0:
         return np.nan, np.nan
     share = float(bend @ residual) / float(bend @ bend)
-    return share, _slope_sigma(bend, residual - share * bend, freedom - 1)
+    return share, _slope_sigma(bend, residual - share * bend, stretch, xc)
 
 
 @dataclass(frozen=True, slots=True)

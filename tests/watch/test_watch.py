@@ -191,8 +191,24 @@ def test_losses():
         first = (AT + number) * RATE
         watch.rows(samples[first : first + RATE])
     watch.rows(samples[(AT + 3) * RATE :])
-    lost = events(watch)["lost_samples"]
-    assert lost.occurrences[0].onset_s == pytest.approx(AT, abs=1.1)
+    (once,) = events(watch)["lost_samples"].occurrences
+    assert once.sample == AT * RATE  # the first that is missing
+    assert once.lower_s < AT - 1.0
+    assert once.upper_s == once.onset_s
+
+
+def test_burst_begins_with_the_first_of_it_that_no_window_shows():
+    """Outliers that come every few seconds began with one that is too long ago for a window."""
+    samples = counts(rows(700))
+    where = AT * RATE + np.array([0, 20, 33, 35, 37, 39, 41, 43]) * RATE
+    samples[where, 1] += 200
+    (once,) = events(watched(samples))["outliers"].occurrences
+    assert once.sample == where[0]
+    samples = counts(rows(700))
+    where = AT * RATE + np.array([0, *range(33, 41)]) * RATE
+    samples[where, 1] += 200
+    (once,) = events(watched(samples))["outliers"].occurrences
+    assert once.sample == where[1]  # one a second has no pause of half a minute
 
 
 def test_change_of_the_rate():

@@ -16,7 +16,7 @@ from scipy.special import betainc
 
 from allanscope.watch.false_alarms import log_weight
 
-__all__ = ["WINDOWS", "Burst", "RareCounts", "scan_p_value"]
+__all__ = ["EARLIER", "WINDOWS", "Burst", "RareCounts", "scan_p_value"]
 
 WINDOWS = (1, 2, 4, 8, 16)
 _WINDOWS = np.array(WINDOWS)
@@ -26,6 +26,8 @@ HIGHEST_MEAN = 0.5
 """Mean count from which on the counts are a series like any other: see `scan`."""
 JEFFREYS_COUNT = 0.5
 """Counts before the first one: the prior of Jeffreys for a Poisson rate."""
+EARLIER = 64
+"""Blocks that are kept to find the first of a burst: few may be in the windows that tell it."""
 
 
 @dataclass(slots=True)
@@ -42,6 +44,8 @@ class Burst:
         -log of the p-value when it was found.
     mean : float
         Count a block before.
+    held : int
+        Blocks that held any.
     """
 
     channel: int
@@ -50,6 +54,7 @@ class Burst:
     count: int
     nats: float
     mean: float
+    held: int
 
     @property
     def size(self) -> int:
@@ -57,10 +62,18 @@ class Burst:
         return max(round(self.count - self.mean * (self.last - self.first + 1)), 1)
 
     @property
-    def onset_reach(self) -> int:
-        """Blocks of it that may have held none before the first one did, in 19 of 20 cases."""
-        least = max(math.sqrt(self.count) - 1.0, 0.5) ** 2 / (self.last - self.first + 1)
-        return min(math.ceil(3.0 / least), WINDOWS[-1])
+    def onset_reach(self) -> float:
+        """Blocks of it that may have held none before the first one did, in 19 of 20 cases.
+
+        Of a Poisson process of unknown rate that shows n in w there was none for longer than x
+        before them with the probability (1 + x / w)^(1 - n). The n is that of bunches, by how many
+        blocks hold none of them.
+        """
+        length = self.last - self.first + 1.0
+        bunches = -length * math.log1p(-self.held / (length + 1.0))
+        if bunches <= 1.5:
+            return float(WINDOWS[-1])
+        return min(length * (20.0 ** (1.0 / (bunches - 1.0)) - 1.0), float(EARLIER))
 
 
 class RareCounts:
@@ -77,6 +90,7 @@ class RareCounts:
         self.open: dict[int, Burst] = {}
         self._log_alpha = log_alpha
         self._recent = np.zeros((WINDOWS[-1], channels), np.int64)
+        self._earlier = np.zeros((EARLIER, channels), np.int64)
         self._total = np.zeros(channels)
         self._square = np.zeros(channels)
         self._exposure = np.zeros(channels)
@@ -86,7 +100,7 @@ class RareCounts:
         at = self.blocks
         self.blocks += 1
         slot = self.blocks % WINDOWS[-1]  # of the oldest, once a block more has been taken
-        self._recent[at % WINDOWS[-1]] = counts
+        self._recent[at % WINDOWS[-1]] = self._earlier[at % EARLIER] = counts
         old = self._recent[slot]
         found: list[Burst] = []
         ended: list[Burst] = []
@@ -105,6 +119,7 @@ class RareCounts:
                 ended.append(self.open.pop(one))
             elif counts[one] and at > burst.last:
                 burst.count += int(counts[one])
+                burst.held += 1
                 burst.last = at
         # What leaves the windows without having been a burst is what there was before.
         free = np.array([one not in self.open for one in range(len(counts))])
@@ -128,7 +143,29 @@ class RareCounts:
         if nats <= limit:
             return None
         first = at - window + 1 + int(np.flatnonzero(recent[-window:])[0])
-        return Burst(channel, first, at, int(recent[-window:].sum()), nats, mean)
+        seen = recent[-window:]
+        burst = Burst(channel, first, at, int(seen.sum()), nats, mean, int(np.count_nonzero(seen)))
+        self._extend(burst, total, exposure)
+        return burst
+
+    def _extend(self, burst: Burst, total: float, exposure: float) -> None:
+        """Begin a burst with earlier ones, as far as each is rather of it than of what is usual.
+
+        Usual is what there was before all that is looked at. How long none may have been seen is
+        that of `Burst.silence`.
+        """
+        blocks = np.arange(max(burst.last - EARLIER, -1) + 1, burst.first)
+        before = self._earlier[blocks % EARLIER, burst.channel]
+        past = blocks <= burst.last - WINDOWS[-1]
+        usual = total - float(before[past].sum()) + PRIOR
+        usual /= max(exposure - np.count_nonzero(past), 1.0)
+        for block, count in zip(blocks[::-1].tolist(), before[::-1].tolist(), strict=True):
+            length, held = burst.last - burst.first + 1, max(burst.held, 2)
+            gap = (burst.first - block) / length
+            if (held - 1) / length * (1.0 + gap) ** -held <= usual:
+                break
+            if count:
+                burst.first, burst.count, burst.held = block, burst.count + count, burst.held + 1
 
 
 def scan_p_value(

@@ -109,6 +109,8 @@ class BlockSummary:
         Isolated samples far from their neighbours.
     repeats : int
         Rows that repeat the row before on every axis.
+    first : ndarray of int64, shape (k + 1,)
+        Row of the first outlier of each axis, and of the first repeat; of no meaning without any.
     """
 
     level: NDArray[np.float64]
@@ -117,6 +119,7 @@ class BlockSummary:
     scale: NDArray[np.float32]
     outliers: NDArray[np.int64]
     repeats: int
+    first: NDArray[np.int64]
 
 
 class Summariser:
@@ -181,7 +184,10 @@ class Summariser:
             Axes whose noise is another one by now, which must not become normal either.
         """
         block = np.ascontiguousarray(block)
-        repeats = self._repeats(block)
+        repeats, first = self._repeats(block), np.zeros(self._axes + 1, np.int64)
+        if repeats:
+            again = (block[1:] == block[:-1]).all(axis=1)
+            first[-1] = 1 + int(again.argmax()) if np.count_nonzero(again) == repeats else 0
         if block.dtype != np.int16:
             block = block.astype(np.float64)
         if self._blocks == 0:
@@ -192,14 +198,14 @@ class Summariser:
         np.divide(self._summed[0], self.rows, out=self._mean)
         outliers = np.zeros(self._axes, np.int64)
         if wide or early:
-            self._replace_outliers(outliers, self._mean, self._reach)
+            self._replace_outliers(outliers, first, self._mean, self._reach)
         memory = min(self._blocks + 1, REFERENCE_BLOCKS)
         self._of_levels.call(_levels, len(self._x), self.rows, early, memory, 0.8 * OUTLIER_SIGMAS)
         level = self._level.ravel()[: self._axes].copy()
         self._transformed(held, other)
         noise = self._noise.ravel()[: self._axes].copy()
         self._blocks += 1
-        return BlockSummary(level, noise, self._ratio, self._scale, outliers, repeats)
+        return BlockSummary(level, noise, self._ratio, self._scale, outliers, repeats, first)
 
     def _repeats(self, block: NDArray[Any]) -> int:
         rows = block.view(np.uint8)
@@ -209,7 +215,11 @@ class Summariser:
         return int(_repeats(rows, len(rows), rows.shape[1], last))
 
     def _replace_outliers(
-        self, found: NDArray[np.int64], mean: NDArray[np.float64], reach: NDArray[np.float64]
+        self,
+        found: NDArray[np.int64],
+        first: NDArray[np.int64],
+        mean: NDArray[np.float64],
+        reach: NDArray[np.float64],
     ) -> None:
         """Count the outliers of axes with wide extremes, and put the mean in their place."""
         for axis in range(self._axes):
@@ -231,7 +241,7 @@ class Summariser:
                 summed[0] += float(np.sum(middle - far))
                 summed[1] += float(np.sum(middle**2 - far**2))
                 row[where] = middle
-                found[axis] = count
+                found[axis], first[axis] = count, int(where.argmax())
 
     def _transformed(self, held: NDArray[np.int32], other: NDArray[np.bool_]) -> None:
         """Find the ratio of each bin to its reference, and what the noise is.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch.change import Change, is_one_ramp, locate
-from allanscope.watch.counts import Burst, RareCounts
+from allanscope.watch.counts import EARLIER, Burst, RareCounts
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
 from allanscope.watch.lines import LineAlarm, LineCusums
@@ -111,10 +111,11 @@ class Watch:
         self._has_changed_noise = np.zeros((len(self._masked), LANES), np.bool_)
         self._buffer: NDArray[Any] = np.empty((self._rows, axes), np.int16)
         self._buffered = 0
-        self._lost = 0
+        self._lost = self._first_lost = 0
         self._position = 0
         self._first_row = 0
         self._starts = np.zeros(KEPT_BLOCKS, np.int64)
+        self._firsts = np.zeros((EARLIER, axes + 2), np.int64)
         self._clock = BlockClock(info.nominal_hz or 100.0)
 
     def ticks(self, position: int, ticks: Ticks) -> None:
@@ -144,6 +145,8 @@ class Watch:
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
+        if not self._lost:
+            self._first_lost = self._position
         self._lost += min(1 if gap.lost is None else gap.lost, MOST_LOST_COUNTED)
         self._position += gap.lost or 0
         if gap.lost is None or gap.lost > LONG_GAP_SHARE * self._rows:
@@ -198,6 +201,8 @@ class Watch:
         axes = self._axes
         counts, series = np.empty(axes + 2, np.int64), np.empty(2 * axes + 2)
         counts[:axes], counts[axes], counts[axes + 1] = known.outliers, known.repeats, lost
+        firsts = self._firsts[(self.blocks - 1) % len(self._firsts)]
+        firsts[:-1], firsts[-1] = self._first_row + known.first, self._first_lost
         series[:axes], series[axes : 2 * axes] = known.level, known.noise
         series[-2] = 2.0 * math.sqrt(known.repeats + 0.375)
         series[-1] = self._clock.log_duration(self._position)
@@ -231,15 +236,24 @@ class Watch:
             size,
         )
 
-    def _between(self, first: int, change: Change, size: float) -> Span:
+    def _between(self, kind: str, first: int, change: Change, size: float) -> Span:
         """Return the span of a change of a series that begins with a block.
 
         It is told to the nearest border of two blocks: one that is half changed belongs to either.
+        A ramp begins half a block after its first value does, which is the mean of a block. The
+        scales of noise and of repeats are concave: a quarter of a block makes it look changed.
         """
         span = self._span(first + change.at, first + change.lower, first + change.upper, size)
         half = self._rows // 2
-        upper = self._sample(first + change.upper) + half
-        return replace(span, lower=max(span.lower - half, 0), upper=min(upper, self._position))
+        is_level = kind in LEVEL
+        upper = self._sample(first + change.upper) + (half if is_level else 3 * self._rows // 4)
+        later = half if change.kind == "ramp" else 0
+        return replace(
+            span,
+            onset=min(span.onset + later, self._position),
+            lower=max(span.lower - half + later, 0),
+            upper=min(upper + later, self._position),
+        )
 
     # --- series ---------------------------------------------------------------------------------
 
@@ -280,7 +294,7 @@ class Watch:
             kind = change.kind
         elif kind == "repeated_samples":
             size = (after / 2) ** 2 - (change.before / 2) ** 2
-        span = self._between(first, change, size)
+        span = self._between(kind, first, change, size)
         window = max(alarm.window, LEAST_WINDOW)
         self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
 
@@ -300,7 +314,7 @@ class Watch:
             return False
         found = track.last.found
         track.kind = "ramp"
-        track.spans[-1] = self._between(first, change, change.size)
+        track.spans[-1] = self._between(change.kind, first, change, change.size)
         track.last.found = found
         self._scan.restart(channel, self.blocks)
         return True
@@ -351,8 +365,8 @@ class Watch:
     def _bursts(self, found: list[Burst], ended: list[Burst]) -> None:
         for burst in found:
             kind, axis = self._count(burst.channel)
-            lower = burst.first - burst.onset_reach
-            span = self._span(burst.first, lower, burst.first, burst.count)
+            onset = int(self._firsts[burst.first % len(self._firsts), burst.channel])
+            span = Span(burst.first, onset, onset, onset, self._position, burst.count)
             track = Track(kind, axis, 0.0, 1, burst.nats, [span], is_counted=True)
             self.tracks.add(track, same=lambda _: True)
         for channel, burst in self._rare.open.items():
@@ -365,6 +379,8 @@ class Watch:
     def _counted(self, channel: int, burst: Burst) -> None:
         for track in self._tracks_of(channel):
             track.last.size = float(burst.size)
+            reach = round(burst.onset_reach * self._rows)
+            track.last.lower = max(track.last.onset - reach, 0)
 
     def _tracks_of(self, channel: int) -> list[Track]:
         kind, axis = self._count(channel)

@@ -73,7 +73,7 @@ class Burst:
         bunches = -length * math.log1p(-self.held / (length + 1.0))
         if bunches <= 1.5:
             return float(WINDOWS[-1])
-        return min(length * (20.0 ** (1.0 / (bunches - 1.0)) - 1.0), float(EARLIER))
+        return min(length * (math.pow(20.0, 1.0 / (bunches - 1.0)) - 1.0), float(EARLIER))
 
 
 class RareCounts:

@@ -282,6 +282,8 @@ class Envelope:
     def _fit(self) -> LineFit | None:
         used = self._used - 1 if self._used > SETTLED_ROWS else self._used
         rows = slice(0, used)
+        if self._polled and self._window_s == FIRST_WINDOW_S:  # every read is there
+            self._pause_s = _pause(self._index[rows], self._time_s[rows])
         return fit_line(
             self._index[rows],
             self._time_s[rows],
@@ -318,8 +320,6 @@ class Envelope:
         time_s: NDArray[np.float64],
         temperature_c: NDArray[np.float64],
     ) -> None:
-        if self._polled:
-            self._note_pause(index, time_s)
         best = self._earliest(index, time_s, np.zeros_like(index), from_first=True)
         taken = 0
         while taken < len(best):
@@ -333,24 +333,6 @@ class Envelope:
             self._used += len(room)
             taken += len(room)
         self._join()
-
-    def _note_pause(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
-        """Note the cadence of the reader.
-
-        One that pauses for longer than a frame takes finds now fewer, now more samples, each time
-        after its pause. One that pauses for less finds one frame, now a pause earlier, now later.
-        """
-        reads = np.flatnonzero(np.diff(time_s) > USB_FRAME_S / 2) + 1
-        if len(reads) < FEWEST_READS:
-            return
-        many, apart = np.diff(index[reads]), np.diff(time_s[reads])
-        pause_s = float(np.median(apart))
-        if np.mean(many == np.median(many)) > EVEN:
-            middle = float(apart.mean())
-            early, late = np.median(apart[apart <= middle]), np.median(apart[apart >= middle])
-            scatter = np.median(np.minimum(np.abs(apart - early), np.abs(apart - late)))
-            pause_s = float(late - early) if scatter < CLEAR * (late - early) else 0.0
-        self._pause_s = pause_s if pause_s <= LONGEST_PAUSE_S else 0.0
 
     def _widen(self) -> None:
         """Join rows, and double the windows until there is room."""
@@ -401,3 +383,25 @@ class Envelope:
         for table in (self._index, self._time_s, self._segment, self._temperature_c):
             table[: len(rows)] = table[rows]
         self._used = len(rows)
+
+
+def _pause(index: NDArray[np.int64], time_s: NDArray[np.float64]) -> float:
+    """Return the cadence of a reader in s, 0 where it has none that is seen.
+
+    One that pauses for longer than a frame takes finds now fewer, now more samples, each time after
+    its pause. One that pauses for less finds one frame, now a pause earlier, now later.
+    """
+    reads = np.flatnonzero(np.diff(time_s) > USB_FRAME_S / 2) + 1
+    if len(reads) < FEWEST_READS:
+        return 0.0
+    many, apart = np.diff(index[reads]), np.diff(time_s[reads])
+    usual = float(np.median(apart))
+    if usual <= 0.0:  # times that fall back tell nothing
+        return 0.0
+    pause_s = float(apart[np.abs(apart - usual) < CLEAR * usual].mean())
+    if np.mean(many == np.median(many)) > EVEN:
+        middle = float(apart.mean())
+        early, late = np.median(apart[apart <= middle]), np.median(apart[apart >= middle])
+        scatter = np.median(np.minimum(np.abs(apart - early), np.abs(apart - late)))
+        pause_s = float(late - early) if scatter < CLEAR * (late - early) else 0.0
+    return pause_s if pause_s <= LONGEST_PAUSE_S else 0.0

@@ -398,7 +398,8 @@ def _pause(index: NDArray[np.int64], time_s: NDArray[np.float64]) -> float:
     usual = float(np.median(apart))
     if usual <= 0.0:  # times that fall back tell nothing
         return 0.0
-    pause_s = float(apart[np.abs(apart - usual) < CLEAR * usual].mean())
+    alike = apart[np.abs(apart - usual) < CLEAR * usual]
+    pause_s = float(alike.mean()) if len(alike) else 0.0
     if np.mean(many == np.median(many)) > EVEN:
         middle = float(apart.mean())
         early, late = np.median(apart[apart <= middle]), np.median(apart[apart >= middle])

@@ -152,12 +152,12 @@ class RareCounts:
         """Begin a burst with earlier ones, as far as each is rather of it than of what is usual.
 
         Usual is what there was before all that is looked at. How long none may have been seen is
-        that of `Burst.silence`.
+        that of `Burst.onset_reach`.
         """
         blocks = np.arange(max(burst.last - EARLIER, -1) + 1, burst.first)
         before = self._earlier[blocks % EARLIER, burst.channel]
         past = blocks <= burst.last - WINDOWS[-1]
-        usual = total - float(before[past].sum()) + PRIOR
+        usual = total - float(before[past].sum()) + JEFFREYS_COUNT
         usual /= max(exposure - np.count_nonzero(past), 1.0)
         for block, count in zip(blocks[::-1].tolist(), before[::-1].tolist(), strict=True):
             length, held = burst.last - burst.first + 1, max(burst.held, 2)

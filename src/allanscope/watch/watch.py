@@ -245,7 +245,7 @@ class Watch:
         """
         span = self._span(first + change.at, first + change.lower, first + change.upper, size)
         half = self._rows // 2
-        is_level = kind in LEVEL
+        is_level = kind in LEVEL_KINDS
         upper = self._sample(first + change.upper) + (half if is_level else 3 * self._rows // 4)
         later = half if change.kind == "ramp" else 0
         return replace(

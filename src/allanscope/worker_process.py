@@ -59,7 +59,7 @@ class WorkerProcess:
 
     def __init__(self, preload: str = "", nice: int = 0) -> None:
         self._shared: list[object] = []
-        self._calling = threading.Lock()
+        self._calling, self._sending = threading.Lock(), threading.Lock()
         self._complaint = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
         command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
         modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # the same as here
@@ -80,6 +80,8 @@ class WorkerProcess:
 
     def share(self, *objects: object) -> None:
         """Share objects with the process until the end: they must not change any more.
+
+        It takes them when it has answered what it was asked before.
 
         Raises
         ------
@@ -159,7 +161,8 @@ class WorkerProcess:
             raise WorkerError(self._why_not)
         assert self._process.stdin is not None
         try:
-            _dump(message, self._process.stdin, self._shared)
+            with self._sending:
+                _dump(message, self._process.stdin, self._shared)
         except (OSError, ValueError):  # ended, or closed from another thread
             raise self._ended() from None
 

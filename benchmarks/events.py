@@ -42,7 +42,7 @@ from allanscope.watch.counts import RareCounts, scan_p_value
 from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.lines import LineCusums
 from allanscope.watch.scan import Scan
-from allanscope.watch.summary import KNOCK, LANES, Summariser, groups_of, rows_of_block
+from allanscope.watch.summary import KNOCK_RATIO, LANES, Summariser, groups_of, rows_of_block
 from allanscope.watch.watch import log_alphas
 
 RATE = 104.0
@@ -239,7 +239,7 @@ class Drawn:
         over = means[:, 1:-1].mean(axis=1)
         self.usual += (np.minimum(over, 2.0 * self.usual) - self.usual) / 16.0
         self.rest += (np.minimum(over, 2.0 * self.rest) - self.rest) / min(self.blocks + 1, 1800)
-        scale = self.rest / np.where(over > KNOCK * self.usual, over, self.usual)
+        scale = self.rest / np.where(over > KNOCK_RATIO * self.usual, over, self.usual)
         self.power += (np.minimum(power, 5.0 * self.power) - self.power) / min(
             self.blocks + 2, 1800
         )

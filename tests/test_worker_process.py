@@ -59,6 +59,15 @@ def test_a_call_from_another_thread_waits_for_its_turn():
         assert earlier.result() == 15
 
 
+def test_what_is_shared_while_another_thread_calls_does_not_mix_with_the_call():
+    large = [np.arange(1_000_000.0) + k for k in range(4)]
+    with WorkerProcess() as worker, ThreadPoolExecutor(1) as other:
+        coming = other.submit(worker.call, np.concatenate, large)
+        worker.share(*large[1:])
+        assert np.array_equal(coming.result(timeout=60.0), np.concatenate(large))
+        assert worker.call(operator.is_, large[1], large[1])
+
+
 def test_what_is_printed_there_is_no_answer(capfd):
     with WorkerProcess() as worker:
         assert worker.call(print, "not an answer") is None

@@ -43,6 +43,8 @@ from scipy.fft import dct, idct
 import allanscope
 from allanscope.explain import AxisExplanation, Effect, explain
 from allanscope.history import Record
+from allanscope.quantities import DEVIATION
+from allanscope.samples import unit_of
 
 T = TypeVar("T")
 
@@ -192,8 +194,8 @@ def _carrier(record: Record, name: str) -> Carrier | None:
             segments=np.array([[0, n]], np.int64),
         ),
         found,
-        float(limits[0][1]),
-        float(limits[0][2]),
+        float(limits[0][1]) / DEVIATION[unit_of(axis)].factor,
+        float(limits[0][2]) / DEVIATION[unit_of(axis)].factor,
         whole.models_after[axis].density(f) * rate / 2,
         clean,
     )

@@ -49,7 +49,7 @@ def test_nothing_is_found_that_is_not_there(seed, slow):
         assert found.coefficients_after["N"].value == pytest.approx(N, rel=0.03)
         lost = [remark for remark in found.remarks if "missing" in remark]
         assert len(lost) == 1
-        assert lost[0].startswith("13 % of the samples are missing, in 2,")
+        assert lost[0].startswith("13 % of the samples are missing, in 2 ")
 
 
 @pytest.mark.parametrize("seed", range(2))

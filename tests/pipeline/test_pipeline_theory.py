@@ -11,6 +11,7 @@ from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.kernels import COLUMNS
 from allanscope.pipeline import DeviceSettings
 from allanscope.pipeline.theory import chain_steps
+from allanscope.quantities import count
 from allanscope.report import processing_chain
 
 
@@ -127,8 +128,8 @@ def test_the_chain_says_what_the_program_works_with():
     steps = chain_steps(DeviceSettings(part="LSM6DSM", rate_hz=208.0, gyro_fs=250.0))
     text = " ".join(f"{step.name} {step.what} {step.numbers}" for step in steps)
     facts = (
-        *("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS:,} rows", "32 or more"),
-        *("from 1/128 of the run", "fills short gaps", "τ longer than between gaps"),
+        *("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{count(ROWS)} rows", "32 or more"),
+        *("from 1/128 of the run", "fills short gaps", "τ beyond the stretches between gaps"),
     )
     for fact in facts:
         assert fact in text, fact
@@ -151,7 +152,7 @@ def test_the_chain_follows_what_was_chosen_of_the_curves():
     assert "every start'" in text
     assert "every sample'" in text
     assert "1/128" not in text
-    assert "between gaps" not in text
+    assert "stretches between gaps" not in text
     assert "½ (DT0064) of the mean square" in text
     assert "8 sin⁶ x / x²" in text
 

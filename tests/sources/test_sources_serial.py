@@ -123,7 +123,7 @@ def test_a_missing_port_says_what_is_there(tmp_path: Path) -> None:
         device="/dev/ttyS7", vid=None, pid=None, serial_number=None,
         manufacturer=None, product=None, location=None,
     )  # fmt: skip
-    with pytest.raises(DeviceError, match=r"no such port .*: found: /dev/ttyS7; see") as caught:
+    with pytest.raises(DeviceError, match=r"no such port .*; found: /dev/ttyS7; see") as caught:
         SerialSource(str(tmp_path / "ttyACM0"), comports=lambda: [there])
     assert "\n" not in str(caught.value)
 

@@ -76,7 +76,7 @@ def processing_chain(
     starts = f"every start below m = {_DENSE}, {lags_of_level(1, 1)[0]} or more in τ above"
     archive = f"at most {count(ROWS)} rows, joined in pairs when full"
     starts += f"; from 1/{_LONG} of the run at rows of the archive"
-    across = "; τ longer than between gaps"
+    across = "; τ beyond the stretches between gaps"
     if choices.needs_samples:
         starts, archive, across = "every start", "every sample", ""
     third = "½ (DT0064)" if choices.hadamard == "dt0064" else "⅙ (DT0064: ½)"

@@ -202,16 +202,12 @@ class _Places:
     def __init__(self, job: _Job, workers: Sequence[WorkerProcess]) -> None:
         self._job = job
         self._free: SimpleQueue[WorkerProcess | None] = SimpleQueue()
-        self._free.put(None)
+        for place in (None, *workers):
+            self._free.put(place)
+        for worker in workers:  # before anybody computes: what is pickled must not change meanwhile
+            with suppress(WorkerError):  # says so again when it is asked
+                worker.share(job, job.record, job.series, job.series.grid)
         self._pool = ThreadPoolExecutor(1 + len(workers))
-        for worker in workers:
-            self._pool.submit(self._prepare, worker)
-
-    def _prepare(self, worker: WorkerProcess) -> None:
-        """Give a worker what all axes need, which it takes when it has ended another call."""
-        with suppress(WorkerError):  # says so again when it is asked
-            worker.share(self._job, self._job.record, self._job.series, self._job.series.grid)
-        self._free.put(worker)
 
     def each(
         self,

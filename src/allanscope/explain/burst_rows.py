@@ -259,15 +259,11 @@ class _Bank:
 
     def scanned(self, *, with_loudness: bool) -> tuple[Array, Array]:
         """Return the largest relative power at all places, and with it how loud it is there."""
-        places = range(0, len(self.rows), self.hop)
-        form, at_once = self.form.astype(np.float32), max(1, _AT_ONCE // self.size)
+        places, at_once = np.arange(0, len(self.rows), self.hop), max(1, _AT_ONCE // self.size)
         mean = self.mean[_SWINGS:-_TOP]
         best, loudness = np.empty(len(places)), np.empty(len(places) if with_loudness else 0)
         for k in range(0, len(places), at_once):
-            some = places[k : k + at_once]
-            z = rfft(self.rows[some.start : some.stop : self.hop] * form, axis=1)
-            z = z[:, _SWINGS:-_TOP]
-            relative = (z.real**2 + z.imag**2) / mean
+            relative = self.power(places[k : k + at_once])[:, _SWINGS:-_TOP] / mean
             best[k : k + at_once] = relative.max(axis=1)
             if with_loudness:
                 loudness[k : k + at_once] = _loudness(relative)

@@ -265,10 +265,10 @@ def _view(series: Series, axis: str, clock: Clock | None, step: float | None = N
     """Return an axis of which nothing is known but perhaps the step of its values."""
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
-    measured = samples[~series.bridged]  # filling lies on no lattice
+    own = samples[~series.bridged]  # filling lies on no lattice
     if step is None:
-        step = step_of(measured * series.stride, series.lsb[column])  # of the sums behind the means
-    rounding = rounding_correlation(measured, step) if series.stride == 1 else ()
+        step = step_of(own * series.stride, series.lsb[column])  # of the sums behind the means
+    rounding = rounding_correlation(own, step) if series.stride == 1 else ()
     return View(series, series.grid, axis, samples, step, rounding, clock=clock)
 
 

@@ -187,9 +187,7 @@ def fit_noise(
     _refuse_constant(values)
     lsb = record.lsb[column]
     measured = values if record.filled is None else values[~record.filled]
-    lattice = _rounding_of(measured * record.stride, lsb)
-    if lattice and record.stride > 1:
-        lattice = Rounding(lsb)  # these are sums, of which the correlation is not known
+    rounding = _rounding_of(measured * record.stride, lsb, record.stride)
     if known is not None and known.signal is not None:
         values = values - known.signal
     record = bridge_gaps(replace(record, axes=(axis,), values=values[:, np.newaxis], lsb=(lsb,)))
@@ -204,7 +202,7 @@ def fit_noise(
         dt=row_s / record.stride,
         duration=len(values) * row_s,
         unit=unit_of(axis),
-        rounding=lattice,
+        rounding=rounding,
         cutoffs=part.cutoffs_hz(axis, record.stride * record.rate_hz) if part else (),
         known=known,
     )
@@ -260,11 +258,14 @@ def fit_array(
     )
 
 
-def _rounding_of(samples: Array, lsb: float | None) -> Rounding | None:
-    """Return the rounding of samples; None where they are on no lattice."""
+def _rounding_of(samples: Array, lsb: float | None, stride: int = 1) -> Rounding | None:
+    """Return the rounding of samples, or of sums of so many; None where they are on no lattice.
+
+    Of sums the correlation is not known.
+    """
     if not (lsb and on_lattice(samples, lsb)):
         return None
-    return Rounding(lsb, rounding_correlation(samples, lsb))
+    return Rounding(lsb, rounding_correlation(samples, lsb) if stride == 1 else ())
 
 
 def _refuse_constant(values: NDArray[np.float64]) -> None:

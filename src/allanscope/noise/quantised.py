@@ -12,6 +12,8 @@ below the sample rate several samples in turn have nearly the same error (`round
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -126,18 +128,26 @@ def rounding_correlation(values: ArrayLike, step: float) -> tuple[float, ...]:
     samples = np.asarray(values, np.float64)
     if not step > 0 or len(samples) < 4:
         return ()
-    known = 6 / np.pi**2 * (np.exp(-2 * np.pi**2 * np.outer(_CHANGES, _WAVES**2)) @ _WAVES**-2.0)
-    rounded = _CHANGES + (1 - known) / 6
-
-    def of(change: ArrayLike) -> Array:
-        return np.asarray(np.interp(np.asarray(change) / step**2, rounded, known))
-
     variance = float(samples.var()) - step**2 / 12
-    if variance < (LEAST_NOISE * step) ** 2 or of(np.mean(np.diff(samples) ** 2)) < _WHITE:
+    beside = _correlation_at(np.mean(np.diff(samples) ** 2) / step**2)
+    if variance < (LEAST_NOISE * step) ** 2 or beside < _WHITE:
         return ()
-    correlation = of(_mean_squared_changes(samples, min(_MOST_LAGS, len(samples) // 2)))
+    changes = _mean_squared_changes(samples, min(_MOST_LAGS, len(samples) // 2))
+    correlation = _correlation_at(changes / step**2)
     last = int(np.argmax(correlation < _WHITE)) if correlation.min() < _WHITE else len(correlation)
     return tuple(correlation[: last + 1].tolist())
+
+
+def _correlation_at(changes: ArrayLike) -> Array:
+    """Return r of rounding errors by the mean squared changes of rounded values, in steps^2."""
+    return np.asarray(np.interp(np.asarray(changes), *_correlations()))
+
+
+@cache
+def _correlations() -> tuple[Array, Array]:
+    """Return mean squared changes of rounded values, and the correlation at each."""
+    known = 6 / np.pi**2 * (np.exp(-2 * np.pi**2 * np.outer(_CHANGES, _WAVES**2)) @ _WAVES**-2.0)
+    return _CHANGES + (1 - known) / 6, known
 
 
 def _mean_squared_changes(samples: Array, lags: int) -> Array:

@@ -89,8 +89,7 @@ class RareCounts:
         self.blocks = 0
         self.open: dict[int, Burst] = {}
         self._log_alpha = log_alpha
-        self._recent = np.zeros((WINDOWS[-1], channels), np.int64)
-        self._earlier = np.zeros((EARLIER, channels), np.int64)
+        self._recent = np.zeros((EARLIER, channels), np.int64)
         self._total = np.zeros(channels)
         self._square = np.zeros(channels)
         self._exposure = np.zeros(channels)
@@ -99,9 +98,8 @@ class RareCounts:
         """Take the counts of a block; return the bursts that were found, and those that ended."""
         at = self.blocks
         self.blocks += 1
-        slot = self.blocks % WINDOWS[-1]  # of the oldest, once a block more has been taken
-        self._recent[at % WINDOWS[-1]] = self._earlier[at % EARLIER] = counts
-        old = self._recent[slot]
+        self._recent[at % EARLIER] = counts
+        old = self._recent[(at + 1 - WINDOWS[-1]) % EARLIER]  # which leaves the windows next
         found: list[Burst] = []
         ended: list[Burst] = []
         if not (self.open or any(counts.tolist()) or any(old.tolist())):  # numpy takes longer
@@ -115,7 +113,7 @@ class RareCounts:
                 found.append(burst)
         for one, burst in list(self.open.items()):
             usual = WINDOWS[-1] * burst.mean
-            if int(self._recent[:, one].sum()) <= 2 * usual + 3 * np.sqrt(usual):
+            if int(self._in_windows(one, at).sum()) <= 2 * usual + 3 * np.sqrt(usual):
                 ended.append(self.open.pop(one))
             elif counts[one] and at > burst.last:
                 burst.count += int(counts[one])
@@ -129,6 +127,11 @@ class RareCounts:
         self._exposure += past
         return found, ended
 
+    def _in_windows(self, channel: int, at: int) -> NDArray[np.int64]:
+        """Return the counts of a channel in the longest window that ends with a block."""
+        blocks = np.arange(at + 1 - WINDOWS[-1], at + 1)
+        return np.asarray(self._recent[blocks % EARLIER, channel])
+
     def _tested(self, channel: int, at: int) -> Burst | None:
         exposure = float(self._exposure[channel])
         mean = float(self._total[channel]) / max(exposure, 1.0)
@@ -137,7 +140,7 @@ class RareCounts:
         total, square = float(self._total[channel]), float(self._square[channel])
         bunch = max((square - total * mean) / total, 1.0) if total else 1.0
         limit = -(float(self._log_alpha[channel]) + log_weight(self.blocks))
-        recent = self._recent[np.arange(at - WINDOWS[-1] + 1, at + 1) % WINDOWS[-1], channel]
+        recent = self._in_windows(channel, at)
         seen = np.cumsum(recent[::-1])[_WINDOWS - 1]
         window, nats = scan_p_value(seen, total / bunch, exposure, bunch)
         if nats <= limit:
@@ -155,7 +158,7 @@ class RareCounts:
         that of `Burst.onset_reach`.
         """
         blocks = np.arange(max(burst.last - EARLIER, -1) + 1, burst.first)
-        before = self._earlier[blocks % EARLIER, burst.channel]
+        before = self._recent[blocks % EARLIER, burst.channel]
         past = blocks <= burst.last - WINDOWS[-1]
         usual = total - float(before[past].sum()) + JEFFREYS_COUNT
         usual /= max(exposure - np.count_nonzero(past), 1.0)

@@ -10,9 +10,8 @@ import pytest
 
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch import ALPHA, Event, Watch
-from allanscope.watch.change import locate
 from allanscope.watch.false_alarms import log_weight
-from allanscope.watch.scan import Scan
+from allanscope.watch.scan import Scan, locate
 from allanscope.watch.watch import ALPHA_SHARES
 
 RATE = 104

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import Gap, StreamInfo, Ticks
-from allanscope.watch.change import Change, is_one_ramp, locate
 from allanscope.watch.counts import EARLIER, Burst, RareCounts
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
 from allanscope.watch.lines import LineAlarm, LineCusums
-from allanscope.watch.scan import KEPT_BLOCKS, Alarm, Scan
+from allanscope.watch.scan import KEPT_BLOCKS, Alarm, Change, Scan, is_one_ramp, locate
 from allanscope.watch.summary import (
     FIRST_BIN,
     LANES,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from allanscope.allan import AllanBank
 from allanscope.allan.shard import ALIGNED, Shard
 from allanscope.spectrum import SpectrumBank, SpectrumShard
-from allanscope.spectrum.shard import ALIGNED as SPECTRUM_ALIGNED
+from allanscope.spectrum.bank import ALIGNED as SPECTRUM_ALIGNED
 
 N = 4_400_000  # more than 8192 rows of half a block
 EXACT = ("adev", "oadev", "hdev", "ohdev", "totdev", "mtotdev", "theo1")

@@ -20,12 +20,11 @@ from allanscope.lazy import lazily
 from allanscope.spectrum.density import Density
 
 if TYPE_CHECKING:
-    from allanscope.spectrum.bank import SpectrumBank
+    from allanscope.spectrum.bank import SpectrumBank, SpectrumShard
     from allanscope.spectrum.ladder import SEGMENT
-    from allanscope.spectrum.shard import SpectrumShard
 
 __all__ = ["SEGMENT", "Density", "SpectrumBank", "SpectrumShard"]
 
 __getattr__, __dir__ = lazily(
-    __name__, {"SEGMENT": "ladder", "SpectrumBank": "bank", "SpectrumShard": "shard"}
+    __name__, {"SEGMENT": "ladder", "SpectrumBank": "bank", "SpectrumShard": "bank"}
 )

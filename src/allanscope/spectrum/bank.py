@@ -1,4 +1,11 @@
-"""The streaming spectrum: constant memory, from the length of the run to the Nyquist frequency."""
+"""The streaming spectrum: constant memory, from the length of the run to the Nyquist frequency.
+
+A part of one segment can be averaged by itself, elsewhere: a shard, which a bank then takes in as
+if it had seen it. The low levels of the ladder look back less than a halo of `ALIGNED` samples;
+what leaves them upwards, 1 / 256 of the samples, is kept and pushed up the bank's own high levels
+in order. Frames and filters begin where one pass has them, because shards begin at multiples of
+`ALIGNED` samples: the hop of the highest low level.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.samples import Block
 from allanscope.spectrum.density import Density, Stretch, assemble
 from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder, narrow_columns
-from allanscope.spectrum.shard import SpectrumShard
 
-__all__ = ["SpectrumBank"]
+__all__ = ["ALIGNED", "SpectrumBank", "SpectrumShard"]
 
 _FORMAT = "allanscope spectrum 1"
 _SLICE = 6 << 16
@@ -23,6 +29,11 @@ _READ_TO = 0.3
 """Part of its rate up to which a decimated level is read: flat and free of aliases."""
 _FIRST_BIN = 3
 """Lowest bin that the window keeps clear of the mean and of slow drifts."""
+
+_SHARD_LEVELS = 4
+ALIGNED = SEGMENT * FACTOR ** (_SHARD_LEVELS - 1)
+"""Samples of the halo, and twice the hop of the highest level that a shard works on."""
+_ROWS_AT_ONCE = 1 << 13
 
 
 class SpectrumBank:
@@ -229,3 +240,60 @@ class SpectrumBank:
         width = 1 / length / FACTOR**depth
         one_sided = 2 * power[:, keep] * FACTOR**depth
         return Stretch(turns, width, one_sided, segments)
+
+
+class SpectrumShard:
+    """Periodograms of the samples that follow a halo.
+
+    Parameters
+    ----------
+    axes : int
+        Number of columns.
+    anchor : ndarray, shape (axes,)
+        The bank's: the first sample of the run.
+    halo : ndarray, shape (ALIGNED, axes), optional
+        The last samples before the shard; none for a shard that begins its segment.
+
+    Attributes
+    ----------
+    ladder : Ladder
+        The low levels.
+    samples : int
+        Taken in, without the halo.
+    """
+
+    def __init__(
+        self,
+        axes: int,
+        anchor: NDArray[np.float64],
+        halo: NDArray[np.generic] | None = None,
+    ) -> None:
+        self.anchor = anchor
+        self.samples = 0
+        self.ladder = Ladder(axes)
+        self.ladder.grow(_SHARD_LEVELS)
+        self._above: list[NDArray[np.float32]] = []
+        if halo is not None:
+            self._push(halo)
+            for level in self.ladder.levels:
+                level.power[:] = 0.0
+                level.count = 0
+        self._above = [np.empty((axes, 0), np.float32)]
+
+    @property
+    def above(self) -> NDArray[np.float32]:
+        """What goes to the level above, shape (axes, n)."""
+        return np.concatenate(self._above, axis=1)
+
+    def extend(self, samples: NDArray[np.generic]) -> None:
+        """Take in the next samples, shape (n, axes)."""
+        self._push(samples)
+        self.samples += len(samples)
+
+    def _push(self, samples: NDArray[np.generic]) -> None:
+        for first in range(0, len(samples), _ROWS_AT_ONCE):
+            part = narrow_columns(samples[first : first + _ROWS_AT_ONCE], self.anchor)
+            for level, decimator in zip(self.ladder.levels, self.ladder.decimators, strict=True):
+                level.push(part)
+                part = decimator.push(part)
+            self._above.append(part)

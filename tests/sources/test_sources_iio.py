@@ -13,7 +13,7 @@ from allanscope.errors import DeviceError
 from allanscope.samples import Block, Gap, StreamInfo
 from allanscope.sources import IioSource, ScanElement, ScanLayout, describe_ports, scale_of
 from allanscope.sources.iio import devices
-from allanscope.sources.iio.pairing import Numbering, pair
+from allanscope.sources.iio.scans import Numbering, pair
 from allanscope.wire import WireSettings, format_named
 from support.iio_tree import Driver, make_device, scans
 

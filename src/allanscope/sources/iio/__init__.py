@@ -3,8 +3,8 @@
 ::
 
     /sys/bus/iio/devices/iio:deviceN ─▶ devices  what there is, how it is set, switched on and off
-    /dev/iio:deviceN, or a file      ─▶ scans    bytes to counts and times
-                                        pairing  gyroscope and accelerometer of one moment
+    /dev/iio:deviceN, or a file      ─▶ scans    bytes to counts and times; gyroscope and
+                                                 accelerometer of one moment
     IioSource                                    the same as frames of the native protocol
 
 The kernel's own files are read, as libiio does on the machine itself; no library is needed. A
@@ -15,8 +15,15 @@ samples by their times and describes them: what is recorded can be replayed anyw
 from __future__ import annotations
 
 from allanscope.sources.iio.devices import IioSensor, find_iio_sensors, part_name
-from allanscope.sources.iio.pairing import pair, period_of
-from allanscope.sources.iio.scans import AXIS_NAMES, TIME, ScanElement, ScanLayout, scale_of
+from allanscope.sources.iio.scans import (
+    AXIS_NAMES,
+    TIME,
+    ScanElement,
+    ScanLayout,
+    pair,
+    period_of,
+    scale_of,
+)
 from allanscope.sources.iio.source import IioSource
 
 __all__ = [

@@ -22,8 +22,7 @@ from allanscope.parts import PARTS
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.sources.base import Chunk, LinkEvent, SourceSettings
 from allanscope.sources.iio.devices import IioDevice, IioSensor, iio_sensor
-from allanscope.sources.iio.pairing import Numbering, pair, period_of
-from allanscope.sources.iio.scans import ScanLayout
+from allanscope.sources.iio.scans import Numbering, ScanLayout, pair, period_of
 from allanscope.wire import Command, format_named
 
 __all__ = ["IioSource"]

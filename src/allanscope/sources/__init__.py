@@ -15,8 +15,8 @@ on the bench outlives a loose cable. `discovery` finds the board by its USB numb
 opens the link, and an `isolated_reader` has it read by a process of its own (`port_reader`), at
 real-time priority where `rtkit` grants it.
 
-A new kind of source is a file with a class that has the members of `Source` (`base`), and two lines
-in `registry`: which names mean it, and how it is opened.
+A new kind of source is a file with a class that has the members of `Source`, and two lines in
+`base`: which names mean it, and how it is opened.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from allanscope.lazy import lazily
 from allanscope.sources.base import Chunk, LinkEvent, Source, SourceSettings
 
 if TYPE_CHECKING:
+    from allanscope.sources.base import open_file, open_source, require_port
     from allanscope.sources.discovery import (
         PortDescription,
         auto_port,
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
         scale_of,
     )
     from allanscope.sources.isolated_reader import buffers, may_run_in_real_time
-    from allanscope.sources.registry import open_file, open_source, require_port
     from allanscope.sources.serial_port import SerialSource
     from allanscope.sources.simulated import SimulatedSource
 
@@ -97,9 +97,9 @@ __getattr__, __dir__ = lazily(
         "describe_ports": "discovery",
         "find_ports": "discovery",
         "may_run_in_real_time": "isolated_reader",
-        "require_port": "registry",
-        "open_file": "registry",
-        "open_source": "registry",
+        "require_port": "base",
+        "open_file": "base",
+        "open_source": "base",
         "pair": "iio",
         "part_name": "iio",
         "period_of": "iio",

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.false_alarms import log_weight
 
-__all__ = ["LONGEST_SPAN", "Alarm", "Change", "Scan", "is_one_ramp", "locate", "log_tail"]
+__all__ = ["Alarm", "Change", "Scan", "is_one_ramp", "locate", "log_tail"]
 
 WINDOWS = np.array(
     [2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 40, 48, 64, 96, 128, 192, 256]
@@ -32,7 +32,6 @@ WINDOWS = np.array(
 REFERENCE = np.minimum(32 * WINDOWS, np.maximum(8 * WINDOWS, 1024))
 LEAST_REFERENCE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
 HOPS = np.maximum(WINDOWS // 16, 1)
-LONGEST_SPAN = int((WINDOWS + REFERENCE).max())
 KEPT_BLOCKS = 1 << 12
 """Blocks that are kept: an hour, and more than the longest window with what is before it."""
 

@@ -1,6 +1,8 @@
 """Pictures show what was measured, say what they show, and can be had as files."""
 
+import os
 import re
+import time
 from collections import Counter
 from dataclasses import replace
 from itertools import combinations
@@ -16,6 +18,7 @@ from allanscope.analysis.comparison import compare_curve
 from allanscope.report import MEASURED, MODEL, Picture, pictures, save_pictures
 from allanscope.report.curve_pictures import compare_picture, deviation_picture, overlay_picture
 from allanscope.report.data_pictures import lag_picture
+from allanscope.report.picture import draw_forked
 
 
 @pytest.fixture(scope="module")
@@ -206,3 +209,51 @@ def test_a_mask_is_drawn_once_over_all_axes_of_a_sensor(analysis):
     assert sum(np.allclose(one.get_ydata(), 100.0) for one in ax.get_lines()) == 1
     (plain,) = drawn(overlay_picture({"gx": gx}, "dps"))
     assert not any(one.get_label() == "mask.csv" for one in plain.get_lines())
+
+
+forked = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+
+
+@forked
+def test_two_processes_share_the_pictures_and_their_order_stays():
+    def drawn():
+        time.sleep(0.05)
+        return str(os.getpid())
+
+    found = draw_forked({f"p{k}": drawn for k in range(12)})
+    assert list(found) == [f"p{k}" for k in range(12)]
+    assert len(set(found.values())) == 2
+    assert str(os.getpid()) in found.values()
+
+
+@forked
+def test_what_the_other_process_leaves_undone_is_drawn_here():
+    here = os.getpid()
+
+    def drawn():
+        time.sleep(0.05)
+        if os.getpid() != here:
+            os._exit(1)
+        return "here"
+
+    assert draw_forked({f"p{k}": drawn for k in range(4)}) == dict.fromkeys(
+        ["p0", "p1", "p2", "p3"], "here"
+    )
+
+
+@forked
+def test_an_error_is_raised_here_whoever_draws():
+    here = os.getpid()
+
+    def fails_there():
+        time.sleep(0.05)
+        if os.getpid() != here:
+            raise ValueError("cannot be drawn there")
+        return "drawn"
+
+    def fails():
+        raise ValueError("cannot be drawn")
+
+    assert set(draw_forked(dict.fromkeys("abcd", fails_there)).values()) == {"drawn"}
+    with pytest.raises(ValueError, match="cannot be drawn"):
+        draw_forked(dict.fromkeys("abcd", fails))

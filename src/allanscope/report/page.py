@@ -45,9 +45,8 @@ from allanscope.report.data_pictures import (
     ratio_picture,
     series_picture,
 )
-from allanscope.report.forked_drawing import draw_forked
 from allanscope.report.method_pictures import transfer_picture
-from allanscope.report.picture import Picture
+from allanscope.report.picture import Picture, draw_forked
 from allanscope.report.stability_tables import stability_tables
 from allanscope.samples import unit_of
 from allanscope.sanitize import sanitize

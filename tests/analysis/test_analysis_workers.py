@@ -5,7 +5,7 @@ from unittest import mock
 import numpy as np
 
 from allanscope.analysis import Analyser, summarise
-from allanscope.analysis import summary as summary_module
+from allanscope.analysis.curves import curves_of_bank
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerProcess
@@ -22,8 +22,9 @@ def test_curves_are_computed_by_a_worker_or_here_if_it_has_ended():
 
     here = result()
     with WorkerProcess() as worker:
-        with mock.patch.object(summary_module, "_curves", side_effect=AssertionError):
+        with mock.patch.object(worker, "call", wraps=worker.call) as call:
             there = result(worker)
+        assert curves_of_bank in [asked.args[0] for asked in call.call_args_list]
         worker.close()
         assert result(worker).to_dict() == here.to_dict()
     assert there.to_dict() == here.to_dict()

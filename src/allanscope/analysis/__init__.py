@@ -16,7 +16,7 @@ result for all who show it: terminal, viewer, report and JSON.
 ================================================ ===================================================
 ``analyser`` ``row_buffer`` ``logger_padding``   rows on their way to the sums; the sums of a stream
 ``summary`` ``result``                           from the sums to the result; the result as JSON
-``curves_across_gaps`` ``model_curves``          curves measured and fitted
+``curves`` ``model_curves``                      curves measured and fitted
 ``coefficients`` ``readings`` ``undisturbed``    N, B, K: of the model, read off curves, where quiet
 ``datasheet`` ``comparison``                     against the datasheet, and an earlier session
 ``findings`` ``line_families``                   effects of all axes that are one disturbance

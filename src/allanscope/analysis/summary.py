@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -12,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allanscope.allan import AllanBank, CurveChoices, Deviation, DynamicDeviation
+from allanscope.allan import Deviation, DynamicDeviation
 from allanscope.analysis.analyser import (
     FEWEST_ROWS,
     Analyser,
@@ -24,7 +23,7 @@ from allanscope.analysis.analyser import (
 from allanscope.analysis.coefficients import published_coefficients
 from allanscope.analysis.coherence import common_of
 from allanscope.analysis.comparison import ReferenceCurve, compare_curve
-from allanscope.analysis.curves_across_gaps import across_gaps
+from allanscope.analysis.curves import curves_of_bank, curves_of_samples
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.line_origin import clock_wander_of
 from allanscope.analysis.model_curves import draw_models
@@ -39,7 +38,6 @@ from allanscope.analysis.remarks import (
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.tracing import Trace, trace_findings
 from allanscope.analysis.undisturbed import undisturbed
-from allanscope.errors import UsageError
 from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
 from allanscope.history import Record
 from allanscope.noise import (
@@ -51,7 +49,7 @@ from allanscope.noise import (
     power_laws_of,
 )
 from allanscope.parts import PARTS, full_scale_of
-from allanscope.samples import StreamInfo, unit_of
+from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerError, WorkerProcess
@@ -65,9 +63,6 @@ LIVE_ROWS = 1 << 15
 """Rows that a refresh fits the noise to before the first search; the density knows what is above
 them, as in every long run."""
 
-MOST_LIVE_ROWS = 1 << 18
-"""Rows whose gaps a refresh bridges: a second or two."""
-
 WORTH_A_PROCESS = 30_000
 """Values of a record, all axes, whose search takes longer than a process to start."""
 
@@ -76,7 +71,6 @@ FEW_PROCESSES = 3_000_000
 
 _SEARCH = __name__
 
-LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 TENTHS = 10
 
 POLLED_PART = "LSM6DSM"
@@ -281,18 +275,26 @@ def _axes(
     part = settings.part or state.info.part
     as_of = AsOf(state.samples / rate_hz, state.samples)
     processes = settings.processes if depth == "full" else 1
-    asked = given.record, depth, rate_hz, settings.level, settings.curves
+    choices, record = settings.curves, given.record
+    asked = state.info, state.bank, record, rate_hz, settings.level, choices, depth == "live"
     with (
         _workers(given, processes, ready) as workers,  # new ones load now
         ThreadPoolExecutor(1) as beside,
     ):
-        if depth == "full" and workers and not settings.curves.needs_samples:
-            coming = beside.submit(_curves_of, workers[0], state.info, state.bank, *asked)
+        if depth == "live":
+            curves, loop = curves_of_bank(*asked), known
+        elif choices.needs_samples:
+            curves = curves_of_samples(state, rate_hz, settings.level, choices)
             loop = _loop(given, workers)
-            curves = coming.result()
+        elif workers:
+            coming = beside.submit(lambda: workers[0].call(curves_of_bank, *asked))
+            loop = _loop(given, workers)
+            try:
+                curves = coming.result()
+            except WorkerError:  # it has ended
+                curves = curves_of_bank(*asked)
         else:
-            curves = _curves(state, *asked)
-            loop = _loop(given, workers) if depth == "full" else known
+            curves, loop = curves_of_bank(*asked), _loop(given, workers)
     if loop is not None and depth == "live":
         loop = loop.with_rate(given.nominal_hz, given.rate_fit)
         try:
@@ -349,77 +351,6 @@ def _with_noise_of_now(loop: Explanation, given: LoopInput) -> Explanation:
         signals={k: one.signals for k, one in beside.items()},
         row_s=next((one.row_s for one in beside.values()), loop.row_s),
     )
-
-
-def _curves(
-    state: StreamState,
-    record: Record,
-    depth: Depth,
-    rate_hz: float,
-    level: float,
-    choices: CurveChoices,
-) -> dict[str, dict[str, Deviation]]:
-    if depth == "full" and choices.needs_samples:
-        return _curves_of_samples(state, rate_hz, level, choices)
-    return _curves_of_bank(state.info, state.bank, record, depth, rate_hz, level, choices)
-
-
-def _curves_of(
-    worker: WorkerProcess,
-    info: StreamInfo,
-    bank: AllanBank,
-    *asked: *tuple[Record, Depth, float, float, CurveChoices],
-) -> dict[str, dict[str, Deviation]]:
-    """Have the curves computed by a worker, or here if it has ended."""
-    try:
-        return worker.call(_curves_of_bank, info, bank, *asked)
-    except WorkerError:
-        return _curves_of_bank(info, bank, *asked)
-
-
-def _curves_of_bank(
-    info: StreamInfo,
-    bank: AllanBank,
-    record: Record,
-    depth: Depth,
-    rate_hz: float,
-    level: float,
-    choices: CurveChoices,
-) -> dict[str, dict[str, Deviation]]:
-    out: dict[str, dict[str, Deviation]] = {name: {} for name in info.axes}
-    bank.scale = np.asarray(info.scale)
-    for kind in choices.kinds_of_banks if depth == "full" else LIVE_KINDS:
-        both = choices.of_bank(bank, kind, level, rate_hz)
-        for column, name in enumerate(info.axes):
-            curve = both.axis(column)
-            if len(curve.tau):
-                out[name][kind] = curve
-    most = MOST_LIVE_ROWS if depth == "live" else sys.maxsize
-    return across_gaps(out, record, choices, level, most)
-
-
-def _curves_of_samples(
-    state: StreamState, rate_hz: float, level: float, choices: CurveChoices
-) -> dict[str, dict[str, Deviation]]:
-    """Return the curves at averaging times that no bank has, from every sample.
-
-    Raises
-    ------
-    UsageError
-        When an averaging time that was asked for has no value.
-    """
-    out: dict[str, dict[str, Deviation]] = {}
-    for column, (name, scale) in enumerate(zip(state.info.axes, state.info.scale, strict=True)):
-        values = scale * state.samples_with_gaps(column)
-        try:
-            found = {
-                kind: choices.of_samples(values, kind, level, rate_hz)
-                for kind in choices.kinds_of_arrays
-            }
-        except ValueError as error:
-            raise UsageError(str(error)) from None
-        out[name] = {kind: curve for kind, curve in found.items() if curve is not None}
-    return out
 
 
 def search_processes(analyser: Analyser, preload: str = "") -> list[WorkerProcess]:

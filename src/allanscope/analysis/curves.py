@@ -1,4 +1,4 @@
-"""Curves that go on across short gaps, from where hardly a term fits between two of them.
+"""The curves of a run: of its bank or of every sample, and on across short gaps.
 
 No term of a bank spans a gap, so one sample lost in a thousand ends a curve at some hundred
 samples, however long the run. The noise is fitted to a series whose short gaps are filled with
@@ -24,26 +24,98 @@ from numpy.typing import NDArray
 from allanscope.allan import AllanBank
 from allanscope.allan.choices import CurveChoices
 from allanscope.allan.deviation import POINT_COLUMNS, Deviation
+from allanscope.analysis.analyser import StreamState
+from allanscope.errors import UsageError
 from allanscope.history import Record
 from allanscope.noise.gap_bridging import bridge_gaps, steps_of, worth_of
+from allanscope.samples import StreamInfo
 
-__all__ = ["across_gaps"]
+__all__ = ["across_gaps", "curves_of_bank", "curves_of_samples"]
 
-Curves = Mapping[str, Mapping[str, Deviation]]
+LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
+MOST_LIVE_ROWS = 1 << 18
+"""Rows whose gaps a refresh bridges: a second or two."""
 
 _WORTH = 0.5
 """Part of the degrees of freedom below which the terms between gaps are dropped."""
 _FEWEST_ROWS = 32
 """Shortest averaging time in rows that are means themselves: as in `allanscope.allan.curves`."""
 
+Curves = dict[str, dict[str, Deviation]]
+"""Of each axis the curve of each estimator."""
+
+
+def curves_of_bank(
+    info: StreamInfo,
+    bank: AllanBank,
+    record: Record,
+    rate_hz: float,
+    level: float,
+    choices: CurveChoices,
+    is_live: bool = False,
+) -> Curves:
+    """Return the curves of a bank, continued across short gaps.
+
+    Parameters
+    ----------
+    info : StreamInfo
+        What its columns are.
+    bank : AllanBank
+        The sums of a run, in counts; its scale is set.
+    record : Record
+        The memory of the same run.
+    rate_hz : float
+        True sample rate.
+    level : float
+        Two-sided confidence of the limits.
+    choices : CurveChoices
+        Which curves.
+    is_live : bool
+        Whether only what a refresh can afford is asked for.
+    """
+    found: Curves = {name: {} for name in info.axes}
+    bank.scale = np.asarray(info.scale)
+    for kind in LIVE_KINDS if is_live else choices.kinds_of_banks:
+        whole = choices.of_bank(bank, kind, level, rate_hz)
+        for column, name in enumerate(info.axes):
+            curve = whole.axis(column)
+            if len(curve.tau):
+                found[name][kind] = curve
+    most = MOST_LIVE_ROWS if is_live else sys.maxsize
+    return across_gaps(found, record, choices, level, most)
+
+
+def curves_of_samples(
+    state: StreamState, rate_hz: float, level: float, choices: CurveChoices
+) -> Curves:
+    """Return the curves at averaging times that no bank has, from every sample.
+
+    Raises
+    ------
+    UsageError
+        When an averaging time that was asked for has no value.
+    """
+    found: Curves = {}
+    for column, (name, scale) in enumerate(zip(state.info.axes, state.info.scale, strict=True)):
+        values = scale * state.samples_with_gaps(column)
+        try:
+            curves = {
+                kind: choices.of_samples(values, kind, level, rate_hz)
+                for kind in choices.kinds_of_arrays
+            }
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+        found[name] = {kind: curve for kind, curve in curves.items() if curve is not None}
+    return found
+
 
 def across_gaps(
-    curves: Curves,
+    curves: Mapping[str, Mapping[str, Deviation]],
     record: Record,
     choices: CurveChoices,
     level: float,
     most_rows: int = sys.maxsize,
-) -> dict[str, dict[str, Deviation]]:
+) -> Curves:
     """Return the curves of a run, continued across its short gaps.
 
     Parameters

@@ -10,7 +10,7 @@ from allanscope import analyse
 from allanscope.allan import AllanBank
 from allanscope.allan.choices import CurveChoices
 from allanscope.allan.deviation import Deviation
-from allanscope.analysis.curves_across_gaps import across_gaps
+from allanscope.analysis.curves import across_gaps
 from allanscope.history import Record
 
 RATE_HZ = 100.0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from allanscope.errors import InputError, UsageError
-from allanscope.recording import Chunk, LinkEvent, is_recording
+from allanscope.recording import Chunk, LinkEvent
 
 __all__ = [
     "Chunk",
@@ -83,6 +83,8 @@ class SourceSettings:
 
 
 def _is_recording(spec: str) -> bool:
+    from allanscope.recording import is_recording  # loads numpy, which a list of ports needs not
+
     return Path(spec).is_dir() or is_recording(Path(spec))
 
 

@@ -38,8 +38,8 @@ from pathlib import Path
 from allanscope.errors import InputError
 
 __all__ = [
+    "CHANNELS",
     "MCAP_MAGIC",
-    "TOPICS",
     "circumstances",
     "first_segment",
     "is_intact",
@@ -58,7 +58,7 @@ RX = "/serial/rx"
 TX = "/serial/tx"
 EVENTS = "/events"
 
-TOPICS: dict[int, str] = {1: RX, 2: TX, 3: EVENTS}
+CHANNELS = {RX: 1, TX: 2, EVENTS: 3}
 """Channel numbers, always these: a file whose first chunk is corrupt can still be read."""
 
 EVENT_SCHEMA = b'{"type":"object","properties":{"kind":{"type":"string"}},"required":["kind"]}'

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from allanscope.errors import InputError
 from allanscope.recording.chunk import Chunk, LinkEvent
 from allanscope.recording.layout import (
+    CHANNELS,
     EVENTS,
     MCAP_MAGIC,
     PROFILE,
     RX,
-    TOPICS,
     TX,
     first_segment,
     session_files,
@@ -229,7 +229,7 @@ class Recording:
         With step -1 from the last chunk to the first.
         """
         for path, outline in self._segments[::step]:
-            topics = dict(TOPICS)
+            topics = {number: topic for topic, number in CHANNELS.items()}
             try:
                 with path.open("rb") as file:
                     for record in outline.chunks[::step]:

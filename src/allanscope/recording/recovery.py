@@ -10,15 +10,12 @@ from pathlib import Path
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
 from allanscope.quantities import count
-from allanscope.recording.layout import RX, TOPICS
+from allanscope.recording.layout import CHANNELS, RX
 from allanscope.recording.outline import TRUNCATED, Damage
 from allanscope.recording.reader import Recording
-from allanscope.recording.segment import Segment
+from allanscope.recording.segment import COMMIT_BYTES, Segment
 
 __all__ = ["RecoveryReport", "recover"]
-
-COMMIT_BYTES = 1 << 22
-"""The copy goes to the disk in pieces of about this size."""
 
 
 @dataclass(slots=True)
@@ -113,7 +110,7 @@ def _copy(
     with closing(segment):
         expected, last_ns = 0, 0
         for topic, sequence, epoch_ns, host_ns, data in _messages(recording, advance):
-            segment.add(_CHANNELS[topic], sequence, epoch_ns, host_ns, data)
+            segment.add(topic, sequence, epoch_ns, host_ns, data)
             if segment.pending > COMMIT_BYTES:
                 segment.commit()
             if topic != RX:
@@ -132,8 +129,5 @@ def _messages(
     for data, messages in recording.intact_chunks():
         advance(len(data))
         for topic, sequence, epoch_ns, host_ns, start, stop in messages:
-            if topic in _CHANNELS:
+            if topic in CHANNELS:
                 yield topic, sequence, epoch_ns, host_ns, data[start:stop]
-
-
-_CHANNELS = {topic: number for number, topic in TOPICS.items()}

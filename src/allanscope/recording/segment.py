@@ -16,9 +16,12 @@ from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from allanscope.recording.layout import EVENT_SCHEMA, EVENTS, PROFILE, TOPICS, sealed
+from allanscope.recording.layout import CHANNELS, EVENT_SCHEMA, EVENTS, PROFILE, sealed
 
-__all__ = ["Segment"]
+__all__ = ["COMMIT_BYTES", "Segment"]
+
+COMMIT_BYTES = 1 << 22
+"""Bulk writing goes to the disk in pieces of about this size."""
 
 _COPIED_BYTES = 1 << 22
 CHUNK_BYTES = 1 << 18
@@ -52,7 +55,7 @@ class Segment:
         )
         self._writer.start(profile=PROFILE, library="allanscope")
         schema = self._writer.register_schema("allanscope.event", "jsonschema", EVENT_SCHEMA)
-        for number, topic in TOPICS.items():
+        for topic, number in CHANNELS.items():
             encoding, schema_id = (
                 ("json", schema) if topic == EVENTS else ("application/octet-stream", 0)
             )
@@ -77,9 +80,10 @@ class Segment:
         """Add a metadata record; the newest one counts."""
         self._writer.add_metadata(PROFILE, sealed(metadata))
 
-    def add(self, channel: int, sequence: int, epoch_ns: int, host_ns: int, data: bytes) -> None:
+    def add(self, topic: str, sequence: int, epoch_ns: int, host_ns: int, data: bytes) -> None:
         """Add one message, in memory."""
-        self._writer.add_message(channel, epoch_ns, data, host_ns, sequence & 0xFFFFFFFF)
+        number = sequence & 0xFFFFFFFF
+        self._writer.add_message(CHANNELS[topic], epoch_ns, data, host_ns, number)
 
     def commit(self) -> int:
         """Close the chunk in progress and write all that waits; return the bytes written.

@@ -13,9 +13,9 @@ from typing import Any
 from allanscope.errors import UsageError
 from allanscope.recording.chunk import Chunk
 from allanscope.recording.layout import (
+    CHANNELS,
     EVENTS,
     RX,
-    TOPICS,
     TX,
     circumstances,
     segment_number,
@@ -24,14 +24,9 @@ from allanscope.recording.layout import (
 )
 from allanscope.recording.outline import outline_of
 from allanscope.recording.records import MOST_MESSAGES
-from allanscope.recording.segment import Segment
+from allanscope.recording.segment import COMMIT_BYTES, Segment
 
 __all__ = ["SessionWriter", "write_recording"]
-
-COMMIT_BYTES = 1 << 22
-"""Bulk writing goes to the disk in pieces of about this size."""
-
-_CHANNEL = {topic: number for number, topic in TOPICS.items()}
 
 
 class SessionWriter:
@@ -87,7 +82,7 @@ class SessionWriter:
         }
         self._max_bytes = max_bytes
         self._max_ns = max_seconds * 1e9
-        self._numbers = dict.fromkeys(TOPICS.values(), 0)
+        self._numbers = dict.fromkeys(CHANNELS, 0)
         self._began_ns: int | None = None
         self._last_ns = self._last_epoch_ns = 0
         self._finished_bytes = 0
@@ -195,7 +190,7 @@ class SessionWriter:
         self._last_ns = host_ns
         # Threads report their times one after the other, not always in the order of time.
         epoch_ns = self._last_epoch_ns = max(host_ns + self._offset_ns, self._last_epoch_ns)
-        self._segment.add(_CHANNEL[topic], self._numbers[topic], epoch_ns, host_ns, data)
+        self._segment.add(topic, self._numbers[topic], epoch_ns, host_ns, data)
 
     def _is_long(self) -> bool:
         if self._segment.committed >= self._max_bytes:

@@ -24,6 +24,7 @@ from typing import TextIO
 
 __all__ = [
     "complain",
+    "encodable",
     "excerpt",
     "markdown",
     "one_line",
@@ -66,6 +67,11 @@ def sanitize(text: str, keep: str = "") -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in keep else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def encodable(text: object) -> str:
+    """Return text without the bytes of a path that stand for no character, which no file takes."""
+    return str(text).encode("utf-8", "replace").decode()
 
 
 def one_line(text: object) -> str:

@@ -22,6 +22,7 @@ from allanscope.atomic_write import atomic_folder, atomic_write
 from allanscope.errors import UsageError
 from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
+from allanscope.sanitize import encodable
 
 __all__ = ["TAUS", "EffectColumn", "Lot", "rows_of", "schema", "write_table"]
 
@@ -335,8 +336,8 @@ def rows_of(recording: str, unit: str, result: Mapping[str, Any]) -> Iterator[di
     """
     analysis, facts = result["analysis"], result["circumstances"]
     common = {
-        "recording": _encodable(recording),
-        "unit": _encodable(unit),
+        "recording": encodable(recording),
+        "unit": encodable(unit),
         "part": analysis["part"],
         "sha256": analysis["input"]["sha256"],
         "allanscope": analysis["allanscope"],
@@ -443,11 +444,6 @@ def _groups(rows: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any
             group = []
     if group:
         yield group
-
-
-def _encodable(name: str) -> str:
-    """Return a name without the bytes of a path that stand for no character."""
-    return name.encode("utf-8", "replace").decode("utf-8")
 
 
 def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:

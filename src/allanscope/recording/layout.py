@@ -36,6 +36,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from allanscope.errors import InputError
+from allanscope.sanitize import encodable
 
 __all__ = [
     "CHANNELS",
@@ -150,7 +151,7 @@ def sealed(metadata: Mapping[str, str]) -> dict[str, str]:
     >>> sealed({"part": "LSM6DSM"})
     {'part': 'LSM6DSM', 'crc32': '8f5026e9'}
     """
-    plain = {key: _encodable(value) for key, value in metadata.items() if key != SEAL}
+    plain = {key: encodable(value) for key, value in metadata.items() if key != SEAL}
     return {**plain, SEAL: _checksum(plain)}
 
 
@@ -158,11 +159,6 @@ def is_intact(metadata: Mapping[str, str]) -> bool:
     """Return whether the metadata is what was written."""
     plain = {key: value for key, value in metadata.items() if key != SEAL}
     return metadata.get(SEAL) == _checksum(plain)
-
-
-def _encodable(value: object) -> str:
-    """Text without lone surrogates, which paths may hold and UTF-8 may not."""
-    return str(value).encode("utf-8", "replace").decode()
 
 
 def _checksum(plain: Mapping[str, str]) -> str:

@@ -10,15 +10,15 @@ import pytest
 from allanscope.explain import explain
 from allanscope.explain.effects.unexplained import _bands, left_over, united
 from allanscope.explain.gates import judge
-from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 from allanscope.noise.components import Rounding
 
 
 @pytest.fixture
 def view(bench):
     b = bench(501, 120.0)
-    return _view(series_of(b.record(b.noise())), "gx", None)
+    return View.of(series_of(b.record(b.noise())), "gx")
 
 
 def cut(view, low, high):
@@ -47,7 +47,7 @@ def test_a_range_that_leaves_nothing_to_fit_is_refused(view):
 @pytest.fixture
 def long_view(bench):
     b = bench(502, 1000.0)
-    return _view(series_of(b.record(b.noise())), "gx", None)
+    return View.of(series_of(b.record(b.noise())), "gx")
 
 
 def test_rounding_stays_in_the_model_beside_what_is_left_out(long_view):
@@ -71,7 +71,7 @@ def test_what_the_model_lacks_has_its_size(bench):
     spectrum = np.fft.rfft(b.rng.standard_normal(len(b.t))) * ((f > 7) & (f < 9))
     added = np.fft.irfft(spectrum, len(b.t))
     added *= 7e-3 / added.std()
-    view = _view(series_of(b.record(b.noise() + added)), "gx", None)
+    view = View.of(series_of(b.record(b.noise() + added)), "gx")
     (found,) = _bands(view)
     size = re.search(r"its rms is (\S+) mdps", found.effect.words)
     assert size is not None

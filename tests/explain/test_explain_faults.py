@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.effects.variance_change import _intervals
-from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 
 RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 
@@ -91,7 +91,7 @@ def test_many_gaps_repeat_no_rows(bench):
         segments=np.column_stack([bounds[:-1], bounds[1:]]),
     )
     assert [axis.effects for axis in explain(holed).axes.values()] == [(), ()]
-    assert _view(series_of(holed), "gx", None).step == pytest.approx(SIGMA / 4)
+    assert View.of(series_of(holed), "gx").step == pytest.approx(SIGMA / 4)
 
 
 @pytest.mark.parametrize("each", [2, 3])

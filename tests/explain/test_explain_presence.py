@@ -5,9 +5,9 @@ import pytest
 
 from allanscope.explain import explain
 from allanscope.explain.effects.drifting_line import _predicted
-from allanscope.explain.loop import _view as axis_view
 from allanscope.explain.presence import Presence, presence_of
 from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 from allanscope.history import Record
 
 RATE, N = 100.0, 60_000
@@ -47,7 +47,7 @@ def test_what_has_no_name_is_told_with_its_time_where_it_is_loud_for_a_while():
     ring = np.convolve(rng.normal(size=N), np.sinc(np.arange(-40, 41) / 8) * np.hanning(81), "same")
     ring *= 0.1 * walks * np.sin(2 * np.pi * 15 * times)
     samples = rng.normal(0, 0.04, N) + ring
-    view = axis_view(series_of(record_of(samples)), "gx", None)
+    view = View.of(series_of(record_of(samples)), "gx")
     there = presence_of(view, 10.0, 20.0)
     assert there.share == pytest.approx(0.05, abs=0.015)
     assert [round(first, -1) for first, _ in there.spans] == [100, 420]
@@ -64,7 +64,7 @@ def test_noise_in_a_band_and_a_steady_line_are_there_all_along():
     slow = np.repeat(rng.normal(0, 0.03, (2, N // 1000)), 1000, axis=1)  # 10 s
     band = rng.normal(0, 0.04, N) + slow[0] * np.cos(80 * times) + slow[1] * np.sin(80 * times)
     for samples, low, high in ((steady, 12.2, 12.4), (band, 12.5, 13.0)):
-        view = axis_view(series_of(record_of(samples)), "gx", None)
+        view = View.of(series_of(record_of(samples)), "gx")
         assert presence_of(view, low, high) is None
 
 
@@ -72,14 +72,14 @@ def test_less_power_than_the_noise_has_is_nowhere():
     samples = np.random.default_rng(7).normal(0, 0.04, N)
     spectrum = np.fft.rfft(samples)
     spectrum[6000:7000] *= 0.5  # 10 to 11.7 Hz
-    view = axis_view(series_of(record_of(np.fft.irfft(spectrum, N))), "gx", None)
+    view = View.of(series_of(record_of(np.fft.irfft(spectrum, N))), "gx")
     assert presence_of(view, 10.2, 11.5) is None
 
 
 def test_no_part_is_shorter_than_two_waves():
     samples = np.random.default_rng(8).normal(0, 0.04, N)
     samples[30_000:30_020] += 0.5  # a knock of a fifth of a second
-    view = axis_view(series_of(record_of(samples)), "gx", None)
+    view = View.of(series_of(record_of(samples)), "gx")
     there = presence_of(view, 0.2, 0.3)
     assert there is None or there.longest_s > 2 / 0.25
 
@@ -87,5 +87,5 @@ def test_no_part_is_shorter_than_two_waves():
 def test_a_few_waves_are_too_few_for_a_line():
     waves = 0.3 * ((times > 210) & (times < 214)) * np.sin(2 * np.pi * 2.1 * times)
     samples = np.random.default_rng(9).normal(0, 0.04, N) + waves
-    view = axis_view(series_of(record_of(samples)), "gx", None)
+    view = View.of(series_of(record_of(samples)), "gx")
     assert _predicted(view, 2.1, 0.001, Presence(0.003, ((700.0, 702.0),))) is None

@@ -11,8 +11,8 @@ from scipy.signal import butter, lfilter
 from allanscope.explain import explain
 from allanscope.explain.effects.repeated_samples import RepeatedSamples
 from allanscope.explain.effects.variance_change import VarianceChange
-from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 from allanscope.history import Record
 from allanscope.noise import find_step, total_white
 
@@ -37,7 +37,7 @@ def _record(values: np.ndarray) -> Record:
 
 def _proposed(values: np.ndarray) -> float:
     """Return the share of repeats that passes the test, 0 for none."""
-    view = _view(series_of(_record(values)), "gx", None)
+    view = View.of(series_of(_record(values)), "gx")
     found = [c for c in RepeatedSamples.candidates(view) if c.excess > 0]
     return float(found[0].effect.parameters["fraction"].value) if found else 0.0
 
@@ -151,5 +151,5 @@ def test_values_that_are_equal_by_chance_are_no_silence():
     values = _rounded(rng.normal(0, 1e-3, (36_000, 1)), 1e-3)
     values[20_000:20_020] = 0.0
     record = replace(_record(values), rate_hz=10.0, start_s=np.arange(36_000) / 10.0)
-    view = _view(series_of(record), "gx", None)
+    view = View.of(series_of(record), "gx")
     assert not [c for c in VarianceChange.candidates(view) if c.excess > 0]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from allanscope.explain import explain, fit_beside
 from allanscope.explain.effects import KINDS
-from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 
 SEEDS = (61, 62, 63)
 
@@ -19,7 +19,7 @@ def ramp(b, relative: float) -> NDArray[np.float64]:
 
 
 def proposed(b, samples: NDArray[np.float64]) -> list:
-    view = _view(series_of(b.record(samples)), "gx", None)
+    view = View.of(series_of(b.record(samples)), "gx")
     return [c for c in KINDS["scale_drift"].candidates(view) if c.excess > 0]
 
 

@@ -12,10 +12,10 @@ from allanscope.explain.effects.drifting_line import Cluster, DriftingLine, prof
 from allanscope.explain.effects.random_telegraph import _candidate as telegraph
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import Unexplained
-from allanscope.explain.loop import _view as axis_view
 from allanscope.explain.moves.resolve_tones import _is_tail
 from allanscope.explain.series import series_of
 from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
+from allanscope.explain.view import View
 from allanscope.history import Record
 from support.thinned import RATE, thinned
 
@@ -106,7 +106,7 @@ def test_loud_tones_that_beat_are_on_two_sides_too_but_hops_have_another_spectru
     hops = 2.0 * (np.cumsum(rng.random(rows) < 0.2) % 2) - 1.0
     for signal, is_one in ((motors, False), (hops, True)):
         record = thinned((rng.normal(0, 0.08, rows) + 0.18 * signal)[:, np.newaxis])
-        view = axis_view(series_of(record), "gx", None)
+        view = View.of(series_of(record), "gx")
         found = telegraph(view, 0.2, 0.0625)
         assert found is not None
         assert (found.effect.adequate(view, found) is not None) == is_one
@@ -123,7 +123,7 @@ def test_a_line_at_nyquist_has_the_amplitude_of_its_samples(turns):
         rate_hz=rate, stride=1, axes=("gx",), values=samples[:, np.newaxis], lsb=(1e-7,),
         temperature_c=np.full(n, np.nan), start_s=k / rate, segments=np.array([[0, n]]),
     )  # fmt: skip
-    view = axis_view(series_of(record), "gx", None)
+    view = View.of(series_of(record), "gx")
     found = max(Sinusoid.propose(view), key=lambda c: c.gain)
     error = found.effect.amplitude.error
     assert found.effect.amplitude.value == pytest.approx(size, abs=max(4 * error, 0.1 * size))

@@ -23,7 +23,6 @@ from allanscope.history import Record
 from allanscope.noise import NoiseFit, fit_noise
 from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
-from allanscope.noise.quantised import rounding_correlation
 from allanscope.spectrum import Density
 
 __all__ = ["KnownEffects", "NoiseBeside", "fit_beside", "known_of", "signals_of"]
@@ -149,10 +148,7 @@ def signals_of(view: View) -> dict[str, Array]:
 
 
 def _prolonged(held: KnownEffects, series: Series, axis: str) -> View:
-    samples = np.ascontiguousarray(series.values[:, series.column(axis)])
-    step = held.steps[axis]
-    rounding = rounding_correlation(samples[~series.bridged], step) if series.stride == 1 else ()
-    view = View(series, series.grid, axis, samples, step, rounding)
+    view = View.of(series, axis, step=held.steps[axis])
     ratio = max(1, round(series.stride / held.stride))
     late = (series.start_s - held.start_s) * held.rate_hz
     known = [_moved(c, ratio, late, len(series)) for c in held.accepted[axis]]

@@ -29,7 +29,6 @@ from allanscope.explain.moves.drop import refuse
 from allanscope.explain.residual import deviation_of, error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, hindrances, observations, series_of
-from allanscope.explain.values import step_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
@@ -37,7 +36,7 @@ from allanscope.noise.components import AngleQuantization
 from allanscope.noise.filters import HighPass
 from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
-from allanscope.noise.quantised import LEAST_NOISE, resolution_advice, rounding_correlation
+from allanscope.noise.quantised import LEAST_NOISE, resolution_advice
 from allanscope.quantities import duration, measured
 from allanscope.spectrum import Density
 from allanscope.worker_process import WorkerError, WorkerProcess
@@ -244,7 +243,7 @@ class _Places:
 
 def _searched(job: _Job, axis: str) -> View:
     """Return an axis with what was found on it."""
-    view = close_loop(_view(job.series, axis, job.clock), job.budget)
+    view = close_loop(View.of(job.series, axis, job.clock), job.budget)
     if axis in job.densities and job.series.stride > 1:
         view = above_the_rows(view, job.densities[axis])
     return replace(view)  # without what it has computed on the way, most of which is not wanted
@@ -259,17 +258,6 @@ def _held(series: Series, views: Mapping[str, View]) -> KnownEffects:
         rate_hz=series.rate_hz,
         start_s=series.start_s,
     )
-
-
-def _view(series: Series, axis: str, clock: Clock | None, step: float | None = None) -> View:
-    """Return an axis of which nothing is known but perhaps the step of its values."""
-    column = series.column(axis)
-    samples = np.ascontiguousarray(series.values[:, column])
-    own = samples[~series.bridged]  # filling lies on no lattice
-    if step is None:
-        step = step_of(own * series.stride, series.lsb[column])  # of the sums behind the means
-    rounding = rounding_correlation(own, step) if series.stride == 1 else ()
-    return View(series, series.grid, axis, samples, step, rounding, clock=clock)
 
 
 def _clock(
@@ -300,7 +288,7 @@ def _explained(job: _Job, view: View) -> _Closed:
     """Return an axis with the error before and after, and its shares."""
     record, density = job.record, job.densities.get(view.axis)
     series, axis = view.series, view.axis
-    bare = _view(series, axis, view.clock, view.step)
+    bare = view.untouched()
     textbook = _textbook(bare)
     before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
     before_model = before.model if before else textbook.spectrum.model

@@ -13,12 +13,14 @@ from allanscope.explain.crowded_codes import CrowdedCode, crowded_codes, missing
 from allanscope.explain.effect import SearchStep
 from allanscope.explain.series import Series
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter, StepScan
+from allanscope.explain.values import step_of
 from allanscope.lazy import once
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
 from allanscope.noise.filters import HeldPattern, HeldSamples
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.part import Part
+from allanscope.noise.quantised import rounding_correlation
 from allanscope.samples import unit_of
 
 __all__ = ["Clock", "View"]
@@ -90,6 +92,25 @@ class View:
     base: tuple[Component, ...] = _TEXTBOOK
     stopped: str = ""
     path: tuple[SearchStep, ...] = ()
+
+    @classmethod
+    def of(
+        cls, series: Series, axis: str, clock: Clock | None = None, step: float | None = None
+    ) -> View:
+        """Return an axis of which nothing is known but perhaps the step of its values."""
+        column = series.column(axis)
+        samples = np.ascontiguousarray(series.values[:, column])
+        own = samples[~series.bridged]  # filling lies on no lattice
+        if step is None:
+            step = step_of(own * series.stride, series.lsb[column])  # of the sums behind the means
+        rounding = rounding_correlation(own, step) if series.stride == 1 else ()
+        return cls(series, series.grid, axis, samples, step, rounding, clock=clock)
+
+    def untouched(self) -> View:
+        """Return the axis as it was before anything was found."""
+        samples = np.ascontiguousarray(self.samples)
+        known = self.step, self.rounding
+        return View(self.series, self.grid, self.axis, samples, *known, clock=self.clock)
 
     @once
     def ordinates(self) -> Array:

@@ -111,7 +111,7 @@ def test_a_band_fills_between_its_curves_with_strips_that_touch():
 
 def test_dashes_cover_their_share_of_the_line():
     (line,) = CHART.line([1e-4, 1e4], [1.0, 1.0])
-    dashes = dashed([line], on=14.0, off=10.0)
+    dashes = dashed([line])
     lengths = [np.hypot(*(dash[1] - dash[0])) for dash in dashes]
     assert sum(lengths) == pytest.approx(WIDTH * 14 / 24, rel=0.02)
     assert all(dash[1, 0] - dash[0, 0] <= 14.01 for dash in dashes)

@@ -99,13 +99,13 @@ class Bands:
     z: Array
 
 
-def band_scores(view: View, bands: int = _BANDS) -> Bands:
+def band_scores(view: View) -> Bands:
     """Compare the spectrum with the model band by band."""
     grid = view.grid
     u = view.squares / view.spectrum.ordinates
     kept = view.spectrum.lit
     first = min(8, grid.n // 8 + 1)
-    edges = np.unique(np.round(np.geomspace(first, grid.n - 1, bands)).astype(int))
+    edges = np.unique(np.round(np.geomspace(first, grid.n - 1, _BANDS)).astype(int))
     edges = np.concatenate([[0], edges[:-1]])
     count = np.add.reduceat(kept.astype(float), edges)
     ratio = np.add.reduceat(u * kept, edges) / np.maximum(count, 1.0)

@@ -11,20 +11,18 @@ __all__ = ["running_level"]
 
 Array = NDArray[np.float64]
 
+_SHORT, _LONG = 64, 1024
+"""Ordinates in a block below the first `_LONG` of them, where the level is steep, and above."""
 
-def running_level(power: Array, lowest: int, block: int = 512) -> Array:
+
+def running_level(power: Array, lowest: int) -> Array:
     """Local mean of a periodogram from medians over blocks, which a line does not move."""
     tail = power[lowest:]
-    edges = np.unique(
-        np.concatenate(
-            [np.arange(0, min(len(tail), 16 * 64), 64), np.arange(16 * 64, len(tail), 2 * block)]
-        )
-    )
-    edges = (
-        np.append(edges[:-1], len(tail))
-        if len(tail) - edges[-1] < 64
-        else np.append(edges, len(tail))
-    )
+    short, long = np.arange(0, min(len(tail), _LONG), _SHORT), np.arange(_LONG, len(tail), _LONG)
+    edges = np.concatenate([short, long])
+    if len(tail) - edges[-1] < _SHORT:
+        edges = edges[:-1]
+    edges = np.append(edges, len(tail))
     medians = np.array([np.median(tail[a:b]) for a, b in pairwise(edges)])
     centres = 0.5 * (edges[:-1] + edges[1:])
     medians = np.maximum(medians, 1e-300) / np.log(2)

@@ -199,7 +199,7 @@ def _bartlett_z(cells: Iterable[tuple[Array, float]]) -> float:
     return float(excess / np.sqrt(variance)) if variance > 0 else 0.0
 
 
-def constancy(data: Array, rate: float, frequency: float, parts: int = _PARTS) -> float:
+def constancy(data: Array, rate: float, frequency: float) -> float:
     """Probability that the parts of a record would differ so much if the tone were constant.
 
     The noise of the amplitudes comes from their neighbours in frequency, two resolutions away. A
@@ -208,7 +208,7 @@ def constancy(data: Array, rate: float, frequency: float, parts: int = _PARTS) -
     cycles = frequency * len(data) / rate
     if cycles < _FEWEST_CYCLES:
         return 1.0
-    parts = int(min(parts, max(2, cycles // 4)))
+    parts = int(min(_PARTS, max(2, cycles // 4)))
     resolution = rate / (len(data) // parts)
     near = _near(data, rate, frequency, parts)
     amplitude = near(0.0)

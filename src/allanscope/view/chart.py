@@ -44,6 +44,7 @@ HEIGHT = 660.0
 MARGIN = {"left": 110.0, "right": 45.0, "top": 70.0, "bottom": 75.0}
 """Room around the rectangle for labels, in world units."""
 
+_DASH, _SPACE = 14.0, 10.0
 _RAISE = 22.0
 _TICK = 10.0
 _SMALLEST = 3.0
@@ -277,15 +278,15 @@ class Chart:
         return [*below, *left, *title]
 
 
-def dashed(strips: Strips, on: float = 14.0, off: float = 10.0) -> Strips:
-    """Cut polylines into straight dashes `on` long and `off` apart, in world units."""
-    return [piece for strip in strips for piece in _dashes(strip, on, off)]
+def dashed(strips: Strips) -> Strips:
+    """Cut polylines into straight dashes."""
+    return [piece for strip in strips for piece in _dashes(strip)]
 
 
-def _dashes(strip: Points, on: float, off: float) -> Strips:
+def _dashes(strip: Points) -> Strips:
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(strip, axis=0).T))])
-    start = np.arange(0.0, length[-1], on + off)
-    ends = np.column_stack([start, np.minimum(start + on, length[-1])])
+    start = np.arange(0.0, length[-1], _DASH + _SPACE)
+    ends = np.column_stack([start, np.minimum(start + _DASH, length[-1])])
     dashes = np.stack([np.interp(ends, length, strip[:, k]) for k in (0, 1)], axis=2)
     return list(dashes.astype(np.float32))
 

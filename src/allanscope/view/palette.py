@@ -46,15 +46,15 @@ def ratio_colours(ratio: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.stack([*parts, np.where(known, 255.0, 0.0)], axis=-1).astype(np.uint8)
 
 
-def muted(colour: Colour, strength: float = 0.5) -> Colour:
-    """Return a colour that stands back: so much of it, and grey for the rest.
+def muted(colour: Colour) -> Colour:
+    """Return a colour that stands back: half of it, and grey for the rest.
 
     Examples
     --------
     >>> muted((228, 128, 28))
     (178, 128, 78)
     """
-    red, green, blue = (round(strength * c + (1.0 - strength) * 128) for c in colour)
+    red, green, blue = (round(0.5 * c + 64) for c in colour)
     return red, green, blue
 
 

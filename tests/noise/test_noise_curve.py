@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allanscope.allan import Deviation, degrees_of_freedom
-from allanscope.noise import NoiseModel, fit_curve, gls_chi2, relative_bounds
+from allanscope.noise import NoiseModel, gls_chi2
 from allanscope.noise.components import (
     Flicker,
     FlickerPhase,
@@ -121,21 +121,6 @@ def test_chi_square_sees_a_missing_process():
     assert found.p_value < 1e-3
     assert found.z.max() > 3
     assert found.rms_percent > 2 * found.expected_rms_percent
-
-
-def test_fit_to_the_curve_is_unbiased_and_efficient(curves):
-    start = (White(1e-3), Flicker(1e-3), RandomWalk(1e-3))
-    values = []
-    for variance in curves[:60, 0]:
-        found = fit_curve(curve_of("oadev", variance), start, DT)
-        values.append([component.values[0] for component in found.components])
-    error = np.array(values) / [4e-3, 1.255e-3, 1e-4] - 1
-    bound = np.array(list(relative_bounds(TRUTH, DT, N * DT).values()))
-    rmse = np.sqrt(np.mean(error**2, axis=0))
-    # 60 records: a ratio is known to 9 %; it is 1.04 and 1.14 over many.
-    assert rmse[0] / bound[0] < 1.3
-    assert rmse[1] / bound[1] < 1.5
-    np.testing.assert_allclose(found.relative_sd[:2], bound[:2], rtol=0.35)
 
 
 @pytest.mark.parametrize("edf", [1.5, 4.0, 60.0])

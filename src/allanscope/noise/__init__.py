@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     )
     from allanscope.noise.covariance import deviation_covariance
     from allanscope.noise.crlb import relative_bounds, wait_until
-    from allanscope.noise.curve_fit import CurveResidual, fit_curve, gls_chi2
+    from allanscope.noise.curve_fit import CurveResidual, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.model import NoiseModel
     from allanscope.noise.power_laws import (
@@ -62,7 +62,6 @@ __all__ = [
     "find_best_averaging",
     "find_step",
     "fit_array",
-    "fit_curve",
     "fit_noise",
     "fit_power_laws",
     "gls_chi2",
@@ -94,7 +93,6 @@ __getattr__, __dir__ = lazily(
         "find_best_averaging": "coefficients",
         "find_step": "quantised",
         "fit_array": "fit",
-        "fit_curve": "curve_fit",
         "fit_noise": "fit",
         "fit_power_laws": "power_laws",
         "gls_chi2": "curve_fit",

@@ -1,4 +1,4 @@
-"""The Allan curve as evidence: covariances, chi-square, and the fit to the curve."""
+"""The Allan curve as evidence: covariances and chi-square."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from allanscope.noise.components import (
     Sinusoid,
     White,
 )
-from allanscope.noise.covariance import deviation_covariance, half_octaves, log_bias, log_covariance
+from allanscope.noise.curve import deviation_covariance, half_octaves, log_bias, log_covariance
 
 DT = 0.25
 TRUTH = NoiseModel((White(4e-3), Flicker(1.255e-3), RandomWalk(1e-4)), DT)

@@ -13,8 +13,8 @@ filters. `grid` and `evidence` make the data independent, `likelihood` and `ampl
 most likely numbers, `drift` and `selection` decide what else the data demand where no search has
 run, `estimates` turns the maximum into `coefficients` with intervals, and `fit` puts it together;
 `white_level` says what N of an axis is.
-`crlb` says how well any of it can be known; `covariance` and `curve_fit` judge a model by the Allan
-curve and fit one to it, and `whiteness` looks at the spectrum.
+`crlb` says how well any of it can be known; `curve` judges a model by the Allan curve, and
+`whiteness` by the spectrum.
 """
 
 from typing import TYPE_CHECKING
@@ -31,9 +31,8 @@ if TYPE_CHECKING:
         Uncertainty,
         find_best_averaging,
     )
-    from allanscope.noise.covariance import deviation_covariance
     from allanscope.noise.crlb import relative_bounds, wait_until
-    from allanscope.noise.curve_fit import CurveResidual, gls_chi2
+    from allanscope.noise.curve import CurveResidual, deviation_covariance, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.model import NoiseModel
     from allanscope.noise.power_laws import (
@@ -82,20 +81,20 @@ __getattr__, __dir__ = lazily(
         "bound_model": "bound",
         "Coefficient": "coefficients",
         "CoefficientPart": "coefficients",
-        "CurveResidual": "curve_fit",
+        "CurveResidual": "curve",
         "DatasheetVerdict": "coefficients",
         "NoiseFit": "fit",
         "NoiseModel": "model",
         "Uncertainty": "coefficients",
         "add_coupled": "white_level",
         "resolution_advice": "quantised",
-        "deviation_covariance": "covariance",
+        "deviation_covariance": "curve",
         "find_best_averaging": "coefficients",
         "find_step": "quantised",
         "fit_array": "fit",
         "fit_noise": "fit",
         "fit_power_laws": "power_laws",
-        "gls_chi2": "curve_fit",
+        "gls_chi2": "curve",
         "model_of": "power_laws",
         "power_laws_of": "power_laws",
         "relative_bounds": "crlb",

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
+from scipy.fft import rfft
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
 
@@ -158,7 +158,7 @@ def find_bursts(
         loudness = _of_windows(loud) if loudness is None else loudness
         for place in _loud_places(best, _CLOSER * (looked_at - np.log(ALPHA))):
             burst = _at(bank, place * bank.hop, loudness, looked_at)
-            if burst is not None and burst.gain > looked_at - np.log(ALPHA):
+            if burst is not None:
                 found.append(burst)
     return found, looked_at
 
@@ -197,8 +197,9 @@ class _Rows:
         if scale <= 0:
             return None
         cut = np.clip(x / scale, -_CUT, _CUT)
-        z = rfft(cut, 2 * next_fast_len(len(x), real=True))
-        covariance = irfft(z.real**2 + z.imag**2)[: _ORDER + 1]
+        covariance = np.array(
+            [np.einsum("i,i", cut[lag:], cut[: len(cut) - lag]) for lag in range(_ORDER + 1)]
+        )
         covariance[0] *= 1 + 1e-6  # values have a step
         predicted = solve_toeplitz(covariance[:-1], covariance[1:])
         errors = np.concatenate([[1.0], -predicted])
@@ -228,6 +229,8 @@ class _Bank:
         Decay time, length of the filter, and distance of places, in rows.
     rows : ndarray, shape (starts, size)
         What is filtered.
+    places : ndarray, shape (places, size)
+        Those that are looked at first.
     mean : ndarray, shape (size // 2 + 1,)
         Power in noise.
     flatness : float
@@ -240,26 +243,26 @@ class _Bank:
         self.form = np.exp(-np.arange(self.size) / decay)
         self.rows = sliding_window_view(source.white.astype(np.float32), self.size)
         self.windows = len(source.white) / self.size
-        starts = np.arange(0, len(self.rows), self.hop)
-        power = self.power(starts[:: max(1, len(starts) // _POINTS)])
-        mean = np.median(power, axis=0) / np.log(2)
+        self.places = self.rows[:: self.hop]
+        power = self.power(self.places[:: max(1, len(self.places) // _POINTS)])
+        mean = _medians(power) / np.log(2)
         even = median_filter(mean, _SMOOTH, mode="nearest")
         inner = np.maximum(even[_SWINGS:-_TOP], 1e-30)
         self.flatness = float(np.exp(np.mean(np.log(inner))) / inner.mean())
         self.mean = np.where(mean > even * (1 + _LINE / np.sqrt(self.windows)), mean, even)
 
-    def power(self, starts: NDArray[np.int64]) -> Array:
-        """Return the power at some places, shape (places, size // 2 + 1)."""
+    def power(self, rows: Array) -> Array:
+        """Return the power of rows at some places, shape (places, size // 2 + 1)."""
         form, at_once = self.form.astype(np.float32), max(1, _AT_ONCE // self.size)
-        found: NDArray[Any] = np.empty((len(starts), self.size // 2 + 1), np.float32)
-        for k in range(0, len(starts), at_once):
-            z = rfft(self.rows[starts[k : k + at_once]] * form, axis=1)
+        found: NDArray[Any] = np.empty((len(rows), self.size // 2 + 1), np.float32)
+        for k in range(0, len(rows), at_once):
+            z = rfft(rows[k : k + at_once] * form, axis=1)
             np.add(z.real**2, z.imag**2, out=found[k : k + at_once])
         return found
 
     def scanned(self, *, with_loudness: bool) -> tuple[Array, Array]:
         """Return the largest relative power at all places, and with it how loud it is there."""
-        places, at_once = np.arange(0, len(self.rows), self.hop), max(1, _AT_ONCE // self.size)
+        places, at_once = self.places, max(1, _AT_ONCE // self.size)
         mean = self.mean[_SWINGS:-_TOP]
         best, loudness = np.empty(len(places)), np.empty(len(places) if with_loudness else 0)
         for k in range(0, len(places), at_once):
@@ -269,16 +272,40 @@ class _Bank:
                 loudness[k : k + at_once] = _loudness(relative)
         return best, loudness
 
-    def closer(self, starts: NDArray[np.int64], decays: Array) -> tuple[Array, Array]:
-        """Return the complex amplitude and the relative power, shape (starts, decays, size + 1).
+    def closer(self, starts: NDArray[np.int64], decays: Array) -> Array:
+        """Return the relative power, shape (starts, decays, size + 1).
 
         Ordinates are at half the distance.
         """
-        forms = np.exp(-np.arange(self.size) / decays[:, np.newaxis])
-        z = rfft(self.rows[starts][:, np.newaxis] * forms, 2 * self.size, axis=2)
-        energy = np.sum(forms**2, axis=1)[:, np.newaxis]
+        forms, energy = self._forms(decays)
         mean = np.interp(np.arange(self.size + 1) / 2, np.arange(len(self.mean)), self.mean)
-        return 2 * z / energy, np.abs(z) ** 2 / (mean * energy / np.sum(self.form**2))
+        noise = mean * energy / np.sum(self.form**2)
+        relative = np.empty((len(starts), len(decays), self.size + 1))
+        for start, found in zip(starts.tolist(), relative, strict=True):  # stays in the cache
+            z = rfft(self.rows[start] * forms, 2 * self.size, axis=1)
+            np.divide(z.real**2 + z.imag**2, noise, out=found)
+        return relative
+
+    def amplitude(self, starts: NDArray[np.int64], decays: Array) -> NDArray[np.complex128]:
+        """Return the complex amplitude where `closer` returns the power."""
+        forms, energy = self._forms(decays)
+        z = rfft(self.rows[starts][:, np.newaxis] * forms, 2 * self.size, axis=2)
+        return np.asarray(2 * z / energy)
+
+    def _forms(self, decays: Array) -> tuple[Array, Array]:
+        """Return the filters of some decay times, and their energy, shape (decays, 1)."""
+        forms = np.exp(-np.arange(self.size) / decays[:, np.newaxis])
+        return forms, np.sum(forms**2, axis=1)[:, np.newaxis]
+
+
+def _medians(power: Array) -> Array:
+    """Return the medians of columns, as `numpy.median` does: one partition instead of two."""
+    columns, half = np.ascontiguousarray(power.T), len(power) // 2
+    columns.partition(half, axis=1)
+    upper = columns[:, half]
+    if len(power) % 2:
+        return upper
+    return np.asarray(np.mean([columns[:, :half].max(axis=1), upper], axis=0))
 
 
 def _loudness(relative: Array) -> Array:
@@ -306,36 +333,37 @@ def _evenness(loudness: Array, first: int, stop: int) -> float:
 
 
 def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | None:
-    """Return what rings near a row; None where it is a level that changes, or repeated rows."""
+    """Return what rings near a row; None where that is noise, a level that changes, or repeats."""
     decays = bank.decay * np.array(_DECAYS)
     reach, step = bank.decay, max(1, bank.decay // _ROWS)
     for _ in range(2):  # at some rows, and then at every one near the best
         first, last = max(0, centre - reach), min(len(bank.rows), centre + reach + 1)
         starts = np.arange(first, last, step)
-        amplitude, relative = bank.closer(starts, decays)
-        inner = relative[:, :, 2 * _SWINGS : -2 * _TOP]
+        inner = bank.closer(starts, decays)[:, :, 2 * _SWINGS : -2 * _TOP]
         s, d, k = (int(i) for i in np.unravel_index(int(np.argmax(inner)), inner.shape))
         centre, reach, step = int(starts[s]), 8 * step, max(1, step // 8)
     most = float(inner[s, d, k])
     ordinate = (k + 2 * _SWINGS) / 2
     uncut = _uncut(bank, centre, decays[d], ordinate)
-    if _by_levels(bank, centre) - _LEVELS > _BY_LEVELS * abs(uncut) ** 2:
-        return None
     if abs(uncut) ** 2 < _UNCUT * most:
-        return None
-    if _by_repeats(bank, centre) > _BY_REPEATS * abs(uncut) ** 2:
         return None
     gain = min(
         _beside(bank, inner[s, d], k, _evenness(loudness, centre, centre + bank.size)),
         _around(bank, centre, k // 2 + _SWINGS, most),
     )
+    if not gain > looked_at - np.log(ALPHA):
+        return None
+    if _by_levels(bank, centre) - _LEVELS > _BY_LEVELS * abs(uncut) ** 2:
+        return None
+    if _by_repeats(bank, centre) > _BY_REPEATS * abs(uncut) ** 2:
+        return None
     # Every start, decay and frequency has its part in when it began, and how strong it is.
     weight = np.exp(inner - most)
     weight /= weight.sum()
     below = np.concatenate([[0.0], np.cumsum(weight.sum(axis=(1, 2)))])
     edges = np.concatenate([[starts[0] - step], starts]).astype(float)
     low, median, high = np.interp([0.025, 0.5, 0.975], below, edges).tolist()
-    amplitude = amplitude[:, :, 2 * _SWINGS : -2 * _TOP]
+    amplitude = bank.amplitude(starts, decays)[:, :, 2 * _SWINGS : -2 * _TOP]
     sizes = np.abs(amplitude) * np.sqrt(np.maximum(1 - _FITTED / np.maximum(inner, 1.0), 0.0))
     mean = float(np.sum(weight * sizes))
     spread = np.sqrt(np.sum(weight * (sizes - mean) ** 2) + mean**2 / (2 * most))
@@ -379,7 +407,7 @@ def _around(bank: _Bank, first: int, ordinate: int, relative: float) -> float:
         return np.inf
     near = np.arange(ordinate - 1, ordinate + 2)
     passed = np.array([bank.source.passed(k, bank.size) for k in near.tolist()])
-    power = bank.power(starts)[:, near].mean(axis=0) * (passed[1] / passed) ** 2
+    power = bank.power(bank.rows[starts])[:, near].mean(axis=0) * (passed[1] / passed) ** 2
     there, line = float(power[1]) / bank.mean[ordinate], float(power.max()) / bank.mean[ordinate]
     there = line if line > _LINE else there
     even = _FREEDOM * bank.windows if there < 1 + _LOUDER / np.sqrt(known) else 0.0

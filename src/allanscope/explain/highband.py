@@ -38,7 +38,7 @@ _LINE_Z = 6.0
 _NEXT_Z = 4.0
 """Sigma from which a band beside it belongs to it."""
 _TURNS = 3
-"""Times that the filter is fitted without the bands that stand out above it."""
+"""Most fits of the filter, each without the bands that stand out above the one before."""
 _MOST_AVERAGES = 1e5
 """A band's weight is that of so many averages at most: no filter is the model to a part in 300."""
 _NARROW = 3
@@ -152,7 +152,10 @@ def _baseline(view: View, bands: _Bands) -> tuple[Array, Candidate | None]:
         found = _filter(bands, use)
         filtered = found.at(bands)
         flat = np.full_like(power, float(np.sum(use * power) / np.sum(use)))
+        before = quiet
         quiet = (power / filtered - 1) * np.sqrt(bands.averages) < _NEXT_Z
+        if np.array_equal(quiet, before):
+            break  # the next fit would be of the same bands
     use = weight * quiet
     gain = _deviance(use, power, flat) - _deviance(use, power, filtered)
     cutoff = Estimate.of_log(found.cutoff, _error_of_cutoff(bands, use, found), "Hz")

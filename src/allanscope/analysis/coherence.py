@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -91,7 +92,9 @@ class Leak:
     words: str
 
 
-def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[CoherentBand, ...]:
+def common_of(
+    record: Record, findings: Sequence[Finding] = (), *, threads: int = 1
+) -> tuple[CoherentBand, ...]:
     """Return the bands in which axes have one cause, from low to high frequencies.
 
     Parameters
@@ -100,6 +103,8 @@ def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Coheren
         Its longest piece without a gap is looked at.
     findings : sequence of Finding
         Among which the cause is looked for.
+    threads : int
+        In which the spectra are computed.
 
     Notes
     -----
@@ -112,7 +117,8 @@ def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Coheren
     n = len(values)
     if len(moving) < 2 or n < 8 * _FEWEST_BINS:
         return ()
-    white, quiet = zip(*(_whitened(values[:, k]) for k in moving), strict=True)
+    with ThreadPoolExecutor(threads) as pool:
+        white, quiet = zip(*pool.map(lambda k: _whitened(values[:, k]), moving), strict=True)
     steps = max(1, int(_PER_OCTAVE * math.log2((n // 2) / _FIRST_BIN)))
     edges = np.unique(np.geomspace(_FIRST_BIN, n // 2, steps + 1).astype(int))
     bands = [(a, b) for a, b in pairwise(edges) if b - a >= _FEWEST_BINS]

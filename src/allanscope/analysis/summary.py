@@ -154,7 +154,8 @@ def summarise(
     if depth != "full":
         return found
     found = replace(found, traces=_traces(found, state, given))
-    return replace(found, common=common_of(given.record, found.findings))
+    common = common_of(given.record, found.findings, threads=settings.processes)
+    return replace(found, common=common)
 
 
 def _dynamic(state: StreamState, rate_hz: float) -> DynamicDeviation | None:

@@ -251,7 +251,7 @@ class _Bank:
         self.flatness = float(np.exp(np.mean(np.log(inner))) / inner.mean())
         self.mean = np.where(mean > even * (1 + _LINE / np.sqrt(self.windows)), mean, even)
 
-    def power(self, rows: Array) -> Array:
+    def power(self, rows: NDArray[np.float32]) -> Array:
         """Return the power of rows at some places, shape (places, size // 2 + 1)."""
         form, at_once = self.form.astype(np.float32), max(1, _AT_ONCE // self.size)
         found: NDArray[Any] = np.empty((len(rows), self.size // 2 + 1), np.float32)

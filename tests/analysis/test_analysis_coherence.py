@@ -46,6 +46,11 @@ def test_axes_with_a_band_in_common_have_one_cause_there():
     assert found.limit < 0.05
 
 
+def test_the_number_of_threads_changes_nothing():
+    one = record(shaken(1, 1.0))
+    assert common_of(one, threads=2) == common_of(one)
+
+
 def test_axes_with_nothing_in_common_are_not_coherent():
     def alone(seed):
         rng = np.random.default_rng(seed)

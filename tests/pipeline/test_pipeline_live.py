@@ -47,6 +47,13 @@ def test_a_live_session_leaves_recording_view_result_and_report(session):
     assert printed["axes"]["gx"]["coefficients"]["N"]["detected"]
 
 
+def test_the_result_tells_which_recording_it_is_of(session):
+    folder, printed = session
+    recording = Recording(folder)
+    assert printed["input"]["sha256"] == recording.sha256()
+    assert printed["input"]["started"] == recording.metadata["started"]
+
+
 def test_curves_agree_with_allantools_on_the_same_samples(session):
     """To 1e-12, and to 1e-14 where allantools is given the exact phase.
 

@@ -261,6 +261,36 @@ def _identity(recording: Recording) -> dict[str, str]:
     return {"sha256": recording.sha256(), **recorded_facts(recording)}
 
 
+class _RecordedIdentity:
+    """What identifies the recording of a session that has ended: it is read once more for that.
+
+    Of a night that takes as long as the final analysis, beside which it is found.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Of the session; None where nothing was recorded.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._found: dict[str, str] = {}
+        # Whoever has had enough of waiting does not wait for this either.
+        self._thread = threading.Thread(
+            target=self._identify, args=(folder,), name="fingerprint", daemon=True
+        )
+        self._thread.start()
+
+    def with_identity(self, analysis: Analysis) -> Analysis:
+        """Return a result with it, once it is known."""
+        self._thread.join()
+        return replace(analysis, input={**analysis.input, **self._found})
+
+    def _identify(self, folder: Path | None) -> None:
+        if folder is not None:
+            with suppress(InputError):
+                self._found = _identity(Recording(folder))
+
+
 def _policy(settings: SessionSettings) -> RefreshPolicy:
     """Return how often the result is computed for those who look."""
     if settings.view != "none":
@@ -417,13 +447,11 @@ def _run(
                     session.run()
             finally:
                 _end_input(session, hook, recorder)
-            if recorder is not None and folder is not None:
-                with suppress(InputError):
-                    facts |= _identity(Recording(folder))
+            recorded = _RecordedIdentity(None if recorder is None else folder)
             ended = "Recording stopped" if whole_s is None else "Replay finished"
             terminal.line(f"{ended}; running the final analysis")
             output.prepare(session.analyser)
-            result = session.result("full", output.workers)
+            result = recorded.with_identity(session.result("full", output.workers))
             terminal.snapshot(result)
             output.begin(result)
             final = result

@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from allanscope import analyse
+from allanscope.analysis.coefficients import add_coupled, total_white
 from allanscope.analysis.remarks import disagreement
 from allanscope.analysis.result import ModelCurve, Reading
 from allanscope.explain import Effect, Parameter
@@ -17,7 +18,6 @@ from allanscope.history import Record
 from allanscope.noise import Coefficient, CoefficientPart, fit_noise
 from allanscope.noise.components import GaussMarkov
 from allanscope.noise.fit import Known
-from allanscope.noise.white_level import add_coupled, total_white
 from allanscope.pipeline.check import compare
 from allanscope.simulator import Truth
 

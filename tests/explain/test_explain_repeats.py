@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from allanscope.analysis.coefficients import total_white
 from allanscope.explain import explain
 from allanscope.explain.effects.repeated_samples import RepeatedSamples
 from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
-from allanscope.noise import find_step, total_white
+from allanscope.noise import find_step
 
 N = 30_000
 RATE = 100.0

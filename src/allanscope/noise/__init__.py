@@ -11,8 +11,7 @@
 file, exact in discrete time (`part`, `transfer`); a `NoiseModel` (`model`) is components behind
 filters. `grid` and `evidence` make the data independent, `likelihood` and `amplitudes` find the
 most likely numbers, `drift` and `selection` decide what else the data demand where no search has
-run, `estimates` turns the maximum into `coefficients` with intervals, and `fit` puts it together;
-`white_level` says what N of an axis is.
+run, `estimates` turns the maximum into `coefficients` with intervals, and `fit` puts it together.
 `crlb` says how well any of it can be known; `curve` judges a model by the Allan curve, and
 `whiteness` by the spectrum.
 """
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
         power_laws_of,
     )
     from allanscope.noise.quantised import find_step, resolution_advice
-    from allanscope.noise.white_level import add_coupled, total_white
 
 __all__ = [
     "POWER_LAWS",
@@ -55,7 +53,6 @@ __all__ = [
     "NoiseFit",
     "NoiseModel",
     "Uncertainty",
-    "add_coupled",
     "bound_model",
     "deviation_covariance",
     "find_best_averaging",
@@ -68,7 +65,6 @@ __all__ = [
     "power_laws_of",
     "relative_bounds",
     "resolution_advice",
-    "total_white",
     "wait_until",
 ]
 
@@ -86,7 +82,6 @@ __getattr__, __dir__ = lazily(
         "NoiseFit": "fit",
         "NoiseModel": "model",
         "Uncertainty": "coefficients",
-        "add_coupled": "white_level",
         "resolution_advice": "quantised",
         "deviation_covariance": "curve",
         "find_best_averaging": "coefficients",
@@ -99,6 +94,5 @@ __getattr__, __dir__ = lazily(
         "power_laws_of": "power_laws",
         "relative_bounds": "crlb",
         "wait_until": "crlb",
-        "total_white": "white_level",
     },
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,14 @@ def test_two_boards_have_one_curve_between_them():
     assert one.deviation[0] == other.deviation[0]
 
 
+def test_intervals_do_not_depend_on_the_unit():
+    rng = np.random.default_rng(11)
+    values = rng.normal(size=(3, 20_000)) + 10 * rng.normal(size=20_000)
+    large, small = separated(values, 10.0).own[0], separated(1e-6 * values, 10.0).own[0]
+    assert 1e6 * small.lower == pytest.approx(large.lower, rel=1e-4, nan_ok=True)
+    assert 1e6 * small.upper == pytest.approx(large.upper, rel=1e-4, nan_ok=True)
+
+
 def test_one_board_is_not_separated():
     with pytest.raises(ValueError, match="two boards"):
         separated(np.zeros((1, 1000)), 10.0)
@@ -124,7 +133,12 @@ def test_the_command_shows_what_is_common_and_what_is_own(tmp_path, capsys):
     paths = written(tmp_path, 3)
     out = tmp_path / "together.json"
     assert main(["together", *paths, "--quiet", "--json", str(out)]) == 0
-    assert "gx, Allan deviation in mdps: common; own [95 %]" in capsys.readouterr().out
+    shown = capsys.readouterr().out.splitlines()
+    assert "gx, Allan deviation in mdps [95 %]" in shown
+    head = shown[shown.index("gx, Allan deviation in mdps [95 %]") + 1]
+    row = shown[shown.index(head) + 1]
+    assert all(row[head.index(f"own {k}") - 1] == " " for k in (1, 2, 3))
+    assert all(row[head.index(f"own {k}")].isdigit() for k in (1, 2, 3))
     told = json.loads(out.read_text())
     gx = told["axes"]["gx"]
     assert gx["individual"]
@@ -140,6 +154,17 @@ def test_the_command_says_what_two_recordings_cannot_tell_and_traces_their_lines
     shown = capsys.readouterr().out
     assert "the individual noise is the mean of both" in shown
     assert "external, alias of 150" in shown
+
+
+def test_records_of_the_same_noise_are_said_to_have_none_of_their_own(tmp_path, capsys):
+    (path,) = written(tmp_path, 1)
+    other = tmp_path / "other.csv"
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    np.savetxt(other, table, "%.5f", ",", header="t[s],gx[dps]", comments="")
+    assert main(["together", path, str(other), "--quiet"]) == 0
+    shown = capsys.readouterr().out
+    assert "no noise of its own on gx: board-0.csv, other.csv" in shown
+    assert re.search(r"s +[\d.]+   none$", shown, re.M)
 
 
 def test_copies_of_one_recording_are_refused(tmp_path, capsys):

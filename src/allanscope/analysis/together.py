@@ -451,6 +451,6 @@ def _limits(own: float, others: Array, edf: float, boards: int) -> tuple[float, 
             return 0.0
         if quantile(high, p) <= own:
             return high
-        return float(brentq(lambda true: quantile(true, p) - own, low, high))
+        return float(brentq(lambda true: quantile(true, p) - own, low, high, xtol=low))
 
     return math.sqrt(solved(0.975)), math.sqrt(solved(0.025))

@@ -19,6 +19,7 @@ import numpy as np
 from allanscope.analysis import (
     AlignedRecords,
     Analysis,
+    IndividualNoise,
     RecordedLines,
     Separation,
     SharedLine,
@@ -30,7 +31,7 @@ from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input
 from allanscope.pipeline.outputs import short_names
 from allanscope.pipeline.settings import DeviceSettings
-from allanscope.quantities import DEVIATION, number, symbols
+from allanscope.quantities import DEVIATION, interval, limit, number, symbols
 from allanscope.samples import unit_of
 
 __all__ = ["Together", "analyse_together"]
@@ -40,6 +41,8 @@ _CRYSTAL_PPM = 40.0
 """Standard error of the crystal of a board, by which another board's may differ."""
 _SHOWN = 5
 """Averaging times that are shown."""
+_IDENTICAL = 1e-3
+"""Share of the common deviation below which a board has no noise of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +147,8 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
         clock, axes, why = separate_units(results, names)
     except ValueError as error:
         raise InputError(str(error)) from None
-    return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))
+    remarks = [*(remarks if unmeasured else []), *_same_noise(names, axes), *why]
+    return Together(names, clock, axes, lines, tuple(remarks))
 
 
 def _lines_of(one: Analysis) -> RecordedLines | None:
@@ -163,22 +167,49 @@ def _table(axis: str, one: Separation) -> list[str]:
     reading = DEVIATION[unit_of(axis)]
     last = len(one.tau) - 1
     rows = sorted({round(last * k / (_SHOWN - 1)) for k in range(_SHOWN)}) if last >= 0 else []
-    own = "own" if one.is_individual else "own, mean of both"
-    lines = [f"{axis}, Allan deviation in {symbols(reading.unit)}: common; {own} [95 %]"]
-    curves = one.own if one.is_individual else one.own[:1]
-    for row in rows:
-        cells = [f"{number(one.tau[row]):>8} s", f"{_cell(one.common[row], reading.factor):>8}"]
-        for curve in curves:
-            value, low, high = (
-                _cell(x[row], reading.factor) for x in (curve.deviation, curve.lower, curve.upper)
-            )
-            cells.append(f"{value} [{low}, {high}]" if value != "-" else f"< {high}")
-        lines.append("   ".join(cells))
+    own = one.own if one.is_individual else one.own[:1]
+    heads = [f"own {k}" for k in range(1, len(own) + 1)] if one.is_individual else ["own, mean"]
+    cells = [
+        [
+            f"{number(one.tau[row])} s",
+            number(one.common[row] * reading.factor),
+            *(_own_cell(curve, row, one.common[row], reading.factor) for curve in own),
+        ]
+        for row in rows
+    ]
+    columns = list(zip(["τ", "common", *heads], *cells, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    lines = [f"{axis}, Allan deviation in {symbols(reading.unit)} [95 %]"]
+    for row in zip(*columns, strict=True):
+        left = [f"{cell:>{width}}" for cell, width in zip(row[:2], widths[:2], strict=True)]
+        right = [f"{cell:<{width}}" for cell, width in zip(row[2:], widths[2:], strict=True)]
+        lines.append(f"  {'   '.join([*left, *right])}".rstrip())
     return lines
 
 
-def _cell(value: float, factor: float) -> str:
-    return number(value * factor if math.isfinite(value) else None)
+def _own_cell(curve: IndividualNoise, row: int, common: float, factor: float) -> str:
+    value, low, high = (float(x[row]) * factor for x in (curve.deviation, curve.lower, curve.upper))
+    if high < _IDENTICAL * common * factor:
+        return "none"
+    return interval(value, low, high) if math.isfinite(value) else limit(high)
+
+
+def _same_noise(names: Sequence[str], axes: Mapping[str, Separation]) -> list[str]:
+    """Return which recordings have no noise of their own: two boards always have some."""
+    alike: dict[str, list[str]] = {}
+    for k, name in enumerate(names):
+        quiet = [
+            axis
+            for axis, one in axes.items()
+            if len(one.tau) and (one.own[k].upper < _IDENTICAL * one.own[k].measured).all()
+        ]
+        if quiet:
+            alike.setdefault(" ".join(quiet), []).append(name)
+    return [
+        f"no noise of its own on {on}: {', '.join(those)}; the samples are copies, or simulated "
+        "with one seed"
+        for on, those in alike.items()
+    ]
 
 
 def _plain(values: np.ndarray[Any, np.dtype[np.float64]]) -> list[float | None]:

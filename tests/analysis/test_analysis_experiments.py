@@ -55,7 +55,7 @@ def test_two_processes_are_settled_in_proportion_to_what_they_differ_by():
     # 2 nats in this record: 10 in five times as much.
     assert told.duration_s == pytest.approx(5 * analysis.duration_s)
     assert told.gain_nats == pytest.approx(10.0)
-    assert told.question.startswith("correlated noise or random telegraph on gx")
+    assert told.question.startswith("between correlated noise and random telegraph on gx")
 
 
 def test_a_step_is_settled_beside_a_second_board():
@@ -109,7 +109,8 @@ def test_a_measurement_that_decides_more_comes_first():
     assert "second board" in first.action
     assert len(first.decided) == 2
     assert rest
-    assert "(seen once) and 1 more: record together" in verdict(analysis).lines[2].text
+    text = verdict(analysis).lines[2].text
+    assert "decide whether the step on gy, seen once, is external and 1 more: record" in text
 
 
 def test_the_direction_of_a_coupling_is_settled_by_a_turn_of_the_board():

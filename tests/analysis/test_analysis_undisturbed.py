@@ -32,6 +32,7 @@ def event(kind: str, begin_s: float, end_s: float | None, size: float = 2.0) -> 
         ([event("sinusoid", 300.0, None)], (0.0, 299.0)),
         ([event("step", 300.0, None)], (301.0, 1000.0)),
         ([event("step", 300.0, 600.0)], (600.0, 1000.0)),
+        ([event("lost_samples", 300.0, 600.0)], (0.0, 1000.0)),
         ([event("variance_change", 300.0, None, 3.0)], (0.0, 299.0)),
         ([event("variance_change", 300.0, None, 0.5)], (301.0, 1000.0)),
         ([event("outliers", 600.0, 620.0), event("sinusoid", 100.0, 950.0)], (0.0, 99.0)),
@@ -93,7 +94,7 @@ def test_terminal_tables_report_and_json_show_it_beside_the_whole() -> None:
     assert "gx, 10 min to 1 h" in coefficients_table(analysis)
     page = render(analysis)
     assert page.count('<tr class="quiet"><td>undisturbed</td>') == 6
-    assert "<td>10 min to 1 h</td></tr>" in page
+    assert "10 min to 1 h, the longest stretch" in page
     stated = analysis.to_dict()["undisturbed"]
     assert (stated["begin_s"], stated["end_s"]) == (600.0, 3600.0)
     assert stated["axes"]["gz"]["N"]["value"] == analysis.axes["gz"].coefficients["N"].value

@@ -89,8 +89,10 @@ def test_the_screen_is_readable_and_calm(columns):
     assert "31.6 °C" in text
     rows = {row[:2]: row for row in screen.rows if row[:2] in demo_analysis(1.0).axes}
     assert len(rows) == 6
-    value = "2.900 ±0.026 =" if columns == 80 else "2.900 [2.874, 2.926] ="
+    value = "2.900 ±0.026" if columns == 80 else "2.900 [2.874, 2.926]"
     assert value in rows["gx"]
+    assert "= " not in rows["gx"], "at the end nothing changes any more"
+    assert "95 % intervals, < upper limit" in text
     assert "< 28" in rows["gx"]
     assert "10 h" not in rows["gx"], "a time to wait is no part of a limit"
     assert "K to ±20 % in about 10 h" in text
@@ -270,6 +272,24 @@ def test_what_happens_between_two_results_has_its_own_time():
         view.samples(INFO, block)
     view.gap(Gap("disconnected", 324))
     assert "1 min 3 s  gap (disconnected): 324 samples lost" in out.getvalue()
+
+
+def test_the_first_seconds_have_one_decimal():
+    out, clock = io.StringIO(), Clock()
+    view = TerminalView("plain", stream=out, clock=clock)
+    for clock.now in (0.0004, 0.66, 9.9, 12.3):
+        view.line("hello")
+    times = [line.split("  hello")[0].strip() for line in out.getvalue().splitlines()]
+    assert times == ["0.0 s", "0.7 s", "9.9 s", "12 s"]
+
+
+def test_what_changes_has_an_arrow_while_the_run_lasts(monkeypatch):
+    monkeypatch.setattr(Trends, "direction", lambda *_: "up")
+    analysis, trends = demo_analysis(60.0), Trends()
+    for is_final in (False, True):
+        console = Console(file=io.StringIO(), width=80, height=40)
+        console.print(Screen(analysis, trends, is_final=is_final))
+        assert ("↑" in console.file.getvalue()) != is_final
 
 
 def test_quiet_says_nothing(capsys):

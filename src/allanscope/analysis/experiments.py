@@ -283,7 +283,9 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
     if not gain > 0 or not (effect.equivalent or is_once):
         return []
     names = [kind_name(one) for one in (effect.kind, *effect.equivalent)]
-    question = f"{' or '.join(names)} on {where}" + ("" if effect.equivalent else " (seen once)")
+    question = f"between {' and '.join(names)} on {where}"
+    if not effect.equivalent:
+        question = f"whether the {names[0]} on {where}, seen once, is external"
     if any(one.is_thermal for one in effect.rivals):
         return [_warmed(question, effect, gain, analysis.duration_s)]
     if effect.equivalent:

@@ -65,6 +65,8 @@ def longest_stretch(
     """
     disturbed = list(also)
     for event in events:
+        if event.kind == "lost_samples":  # no term spans a gap: it adds no noise
+            continue
         for once in event.occurrences:
             end_s = length_s if once.end_s is None else once.end_s
             fades = event.kind == "variance_change" and once.size < 1.0

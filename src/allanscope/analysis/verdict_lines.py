@@ -89,7 +89,7 @@ def verdict(analysis: Analysis) -> Verdict:
     details = (
         *(VerdictLine("note", "Assumed", text) for text in analysis.assumptions),
         *failed,
-        *losses,
+        *(one for one in losses if one.grade != "bad"),  # those are in what to do next
         *_undisturbed_lines(analysis),
         *_search_lines(analysis.axes),
         *_stream_lines(analysis),

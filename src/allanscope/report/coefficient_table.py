@@ -13,6 +13,7 @@ from allanscope.quantities import (
     COEFFICIENTS,
     LETTERS,
     POWER_LAW_NAMES,
+    count,
     duration,
     interval,
     limit,
@@ -65,7 +66,7 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
         uncertainty = "–"
         if known is not None:
             expanded = number(known.expanded * usual.factor, 2)
-            uncertainty = f"{expanded} {unit}, {number(known.degrees_of_freedom, 2)}"
+            uncertainty = f"{expanded} {unit}, {_freedom(known.degrees_of_freedom)}"
         read = reading_cell(axis.readings.get(name), name, axis.unit)
         rows.append(
             CoefficientRow(
@@ -140,3 +141,13 @@ def white_facts(axis: AxisAnalysis) -> Iterable[tuple[str, str]]:
     if at_1s is not None:
         text = usual.interval(at_1s.value, at_1s.lower, at_1s.upper)
         yield ("deviation at 1 s × √1 s", f"{text} {unit}")
+
+
+def _freedom(degrees: float) -> str:
+    """Return degrees of freedom in two digits, large ones in groups of three.
+
+    >>> _freedom(8.31), _freedom(110713.0)
+    ('8.3', '110 000')
+    """
+    text = number(degrees, 2)
+    return count(int(text)) if text.isdecimal() else text

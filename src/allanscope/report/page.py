@@ -300,8 +300,7 @@ def _undisturbed_cells(name: str, unit: str, quiet: Undisturbed | None) -> list[
         return []
     known = quiet.axes[name]
     cells = (coefficient_table.coefficient_cell(known.get(k), k, unit) for k in MAIN_LETTERS)
-    when = f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}"
-    return [*cells, when]
+    return [*cells, ""]  # of the datasheet
 
 
 def _command(analysis: Analysis) -> str:

@@ -36,6 +36,9 @@ _STATUS_EVERY_S = 60.0
 _ALIVE_EVERY_S = 1.0
 """So often a screen that waits for the next result says what has come by now."""
 
+_TENTHS_S = 9.95
+"""So long the column of the time has a decimal."""
+
 _PATIENCE_S = 2.0
 """So long the end of a run waits for a terminal that takes nothing."""
 
@@ -182,7 +185,8 @@ class TerminalView:
         if live is not None:
             with contextlib.suppress(OSError, ValueError):
                 if self._latest is not None:
-                    live.update(Screen(self._latest, self._trends, curves=self._curves))
+                    last = Screen(self._latest, self._trends, curves=self._curves, is_final=True)
+                    live.update(last)
                 live.stop()
         elif self._mode == "plain" and self._latest is not None:
             for row in ("", *summary_lines(self._latest)):
@@ -194,7 +198,8 @@ class TerminalView:
         Before the first result it is the time that passes, and then the one that is recorded.
         """
         self._said_s = max(self._said_s, now_s)
-        return f"{duration(self._said_s):>11}  "
+        text = f"{self._said_s:.1f} s" if self._said_s < _TENTHS_S else duration(self._said_s)
+        return f"{text:>11}  "
 
     def _elapsed_s(self) -> float:
         """Return the time of the run: results may be far apart, what happens between is not."""

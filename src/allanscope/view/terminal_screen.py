@@ -379,7 +379,7 @@ class Screen:
     def _coefficient(self, name: str, axis: AxisAnalysis, letter: str, wide: bool) -> Text:
         known = axis.coefficients.get(letter)
         cell = _cell(axis.unit, letter, known, wide)
-        if known is None or not known.detected:
+        if known is None or not known.detected or self._is_final:
             return cell
         return cell.append(f" {_ARROWS[self._trends.direction(self._analysis, name, letter)]}")
 

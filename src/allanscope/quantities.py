@@ -285,7 +285,7 @@ def measured(
 ) -> str:
     """Return a value of any unit with its interval: rates in mdps, accelerations in ug.
 
-    Ratios of two equal units are in per cent.
+    Large ones are in dps, mg or g; ratios of two equal units are in per cent.
 
     Examples
     --------
@@ -295,17 +295,29 @@ def measured(
     '4.10 [3.90, 4.30] mdps'
     >>> measured(2.0e-4, unit="g/degC"), measured(-0.0704, -0.081, -0.06, "dps/dps")
     ('200 ug/degC', '-7.0 [-8.1, -6.0] %')
+    >>> measured(124.9, unit="dps"), measured(0.0341, 0.0338, 0.0344, "g")
+    ('125 dps', '34.10 [33.80, 34.40] mg')
     """
     numerator, slash, rest = unit.partition("/")
     if numerator == rest:
         text, unit = Reading(100.0, "%").interval(value, lower, upper), "%" if unit else ""
     elif numerator in DEVIATION:
-        reading = DEVIATION[numerator]
+        usual = DEVIATION[numerator]
+        larger = [usual, *_LARGER[numerator]]
+        reading = next((one for one in larger if abs(value) * one.factor < _LONG), larger[-1])
         text = reading.interval(value, lower, upper)
         unit = f"{reading.unit}{slash}{rest}"
     else:
         text = interval(value, lower, upper)
     return f"{text} {unit}".rstrip()
+
+
+_LARGER: Mapping[str, tuple[Reading, ...]] = {
+    "dps": (Reading(1.0, "dps"),),
+    "g": (Reading(1e3, "mg"), Reading(1.0, "g")),
+}
+_LONG = 1e4
+"""Value from which a larger unit is easier to read."""
 
 
 def limit(upper: float) -> str:
@@ -379,15 +391,17 @@ def rate(hz: float, uncertainty_ppm: float | None = None) -> str:
 
     Examples
     --------
-    >>> rate(6664.2173, 12.0), rate(6660.0), rate(104.0, 1.0)
-    ('6664.22 Hz +-12 ppm', '6660 Hz', '104.00000 Hz +-1.0 ppm')
+    >>> rate(6664.2173, 12.0), rate(6660.0), rate(104.0, 1.0), rate(102.5, 2.7e-4)
+    ('6664.22 Hz +-12 ppm', '6660 Hz', '104.00000 Hz +-1.0 ppm', '102.500000 Hz +-0.27 ppb')
     """
     if uncertainty_ppm is None:
         return f"{hz:.6g} Hz"
     if uncertainty_ppm <= 0.0:
         return f"{hz:.9g} Hz"
     decimals = max(0, min(_decimals(hz * uncertainty_ppm * 1e-6), 6))
-    return f"{hz:.{decimals}f} Hz +-{number(uncertainty_ppm, 2)} ppm"
+    is_small = uncertainty_ppm < 0.01
+    error = number(1e3 * uncertainty_ppm if is_small else uncertainty_ppm, 2)
+    return f"{hz:.{decimals}f} Hz +-{error} {'ppb' if is_small else 'ppm'}"
 
 
 def count(number_of: int) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from allanscope.labels import kind_name
-from allanscope.quantities import duration, number
+from allanscope.quantities import DEVIATION, Reading, duration, number, symbols
 
 __all__ = ["KINDS", "Event", "Occurrence"]
 
@@ -109,7 +109,7 @@ class Event:
         --------
         >>> once = Occurrence(15_000.0, 14_999.0, 15_002.0, 15_004.0, None, 0.12, 1, 2)
         >>> Event("step", ("gx",), "dps", (once,), 1, 30.0).words
-        'level shift on gx: 0.12 dps, since 4 h 10 min'
+        'level shift on gx: 120 mdps, since 4 h 10 min'
         """
         last = self.occurrences[-1]
         where = f" on {', '.join(self.axes)}" if self.axes else ""
@@ -117,8 +117,11 @@ class Event:
         if self.frequency_hz is not None and self.frequency_interval_hz is not None:
             ends = ", ".join(number(one) for one in self.frequency_interval_hz)
             what = f"new line at {number(self.frequency_hz)} [{ends}] Hz"
-        size = f"{number(last.size, 2)} {self.unit}" if self.unit else number(last.size, 2)
-        size = size.removesuffix(".0")  # of a count
+        reading = DEVIATION.get(self.unit, Reading(1.0, self.unit))
+        size = number(last.size * reading.factor, 2).removesuffix(".0")  # of a count
+        if self.kind == "lost_samples":
+            size = f"at least {size}"  # of a long gap only the first few are counted
+        size = f"{size} {symbols(reading.unit)}".rstrip()
         if last.end_s is None:
             when = f"since {duration(last.onset_s)}"
         else:

@@ -96,7 +96,7 @@ class AmplitudeCoupling(EffectKind):
         what = "level" if self.of_the_level else "motion"
         return (
             f"{100 * self.share.value:.3g} % of the noise power follows the {what} of "
-            f"{self.source.value}, {self.slope.value:.3g} {self.slope.unit}"
+            f"{self.source.value}, {self.slope.text}"
         )
 
     @classmethod

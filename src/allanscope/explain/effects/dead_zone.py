@@ -60,8 +60,8 @@ class DeadZone(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"samples within a dead zone of {self.width.value:.3g} {self.width.unit} around "
-            f"{self.level.value:.4g} {self.level.unit} are replaced by it "
+            f"samples within a dead zone of {self.width.text} around "
+            f"{self.level.text} are replaced by it "
             f"({100 * self.fraction.value:.3g} % of all), and the noise values are not valid"
         )
 

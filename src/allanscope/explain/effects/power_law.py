@@ -71,8 +71,8 @@ class PowerLaw(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"noise of density f^-{self.exponent.value:.3g}, {self.density.value:.3g} "
-            f"{self.density.unit} at 1 Hz, beside N, B and K"
+            f"noise of density f^-{self.exponent.value:.3g}, {self.density.text} at 1 Hz, "
+            "beside N, B and K"
         )
 
     @classmethod

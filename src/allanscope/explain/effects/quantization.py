@@ -51,8 +51,7 @@ class Quantization(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        step = f"{self.step.value:.3g} {self.step.unit}"
-        return f"the noise (rms) is {self.noise_in_steps:.2g} times the step of {step}"
+        return f"the noise (rms) is {self.noise_in_steps:.2g} times the step of {self.step.text}"
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

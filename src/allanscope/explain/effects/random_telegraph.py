@@ -100,7 +100,7 @@ class RandomTelegraph(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        apart = f"{2 * self.amplitude.value:.3g} {self.amplitude.unit}"
+        apart = Estimate.exact(2 * self.amplitude.value, self.amplitude.unit).text
         return f"the level switches between two values {apart} apart"
 
     def is_same(self, other: Self, grid: Grid) -> bool:

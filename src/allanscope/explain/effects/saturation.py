@@ -51,7 +51,7 @@ class Saturation(EffectKind):
         end = "upper" if self.side.value > 0 else "lower"
         return (
             f"{100 * self.fraction.value:.3g} % of the samples lie at the {end} end, "
-            f"{self.level.value:.4g} {self.level.unit}: the axis saturates, and its noise "
+            f"{self.level.text}: the axis saturates, and its noise "
             "values are not valid"
         )
 

@@ -510,8 +510,8 @@ def _piles(view: View) -> list[Candidate]:
         return []
     most = max(inside, key=lambda crowded: crowded.share)
     words = (
-        f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
-        "at the values beside it: a narrow dead zone or a replaced code"
+        f"{100 * most.share:.2g} % of the samples are {measured(most.value, unit=view.unit)}, "
+        "far more than at the values beside it: a narrow dead zone or a replaced code"
     )
     return [_distribution(view, math.inf, words, values=len(inside))]
 

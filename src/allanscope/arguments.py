@@ -299,8 +299,8 @@ def convert(one: ArgumentParser) -> None:
         dest="wanted",
         required=True,
         metavar="QUANTITY",
-        help="the same quantities; of a deviation the density is that of the power laws nearest "
-        "to it: no variance has an exact inverse, and the classical (stdev) none",
+        help="the same quantities; a density made from a deviation is that of the nearest power "
+        "laws, because no variance has an exact inverse (stdev has none at all)",
     )
     one.add_argument(
         "--rate",
@@ -322,6 +322,7 @@ def stability(one: ArgumentParser) -> None:
     """Add the arguments of a single quantity of the theory."""
     one.add_argument(
         "name",
+        metavar="QUANTITY",
         choices=[*("fit", "identify", "avlr", "mtie", "tierms", "gcodev", "hat"), "edf", "cov"],
         help="fit: power-law coefficients; identify: noise types; avlr: one line of known slope; "
         "mtie, tierms: time errors; gcodev: common noise of two records; hat: three-cornered hat; "
@@ -330,6 +331,7 @@ def stability(one: ArgumentParser) -> None:
     one.add_argument(
         "inputs",
         nargs="*",
+        default=[],
         metavar="INPUT",
         help="recordings, tables, or text with one number on each line; gcodev: A-B and A-C; hat: "
         "A-B, B-C and C-A; edf and cov: none",
@@ -365,6 +367,7 @@ def chart(one: ArgumentParser) -> None:
     """Add the arguments of a chart of the method."""
     one.add_argument(
         "name",
+        metavar="CHART",
         choices=["transfer", "slopes", "chain"],
         help="transfer: estimators over frequency; slopes: variances of every noise over tau; "
         "chain: signal chain",

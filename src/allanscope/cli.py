@@ -109,14 +109,14 @@ def simulate(options: Namespace) -> int:
     """Record the simulated device, much faster than real time."""
     from allanscope.pipeline import simulate_recording
 
-    simulate_recording(
+    file = simulate_recording(
         Path(options.out),
         options.hours,
         _device_settings(options),
         _simulated_settings(options),
         options.quiet,
     )
-    _name_outputs(options, options.out)
+    _name_outputs(options, str(file))
     return ExitCode.DONE
 
 
@@ -140,8 +140,9 @@ def import_data(options: Namespace) -> int:
     """Convert text, a raw capture, a log or a bag into a recording."""
     from allanscope.pipeline import import_capture
 
-    import_capture(Path(options.input), Path(options.out), _device_settings(options), options.quiet)
-    _name_outputs(options, options.out)
+    source, out = Path(options.input), Path(options.out)
+    file = import_capture(source, out, _device_settings(options), options.quiet)
+    _name_outputs(options, str(file))
     return ExitCode.DONE
 
 

@@ -209,6 +209,8 @@ def test_a_temperature_may_be_missing_for_a_while():
     [
         (small(), {}, "the sample rate is not known; give rate"),
         (small(), {"rate": 0.0}, "a sample rate of 0 Hz is not possible"),
+        (small(), {"rate": "104"}, "rate must be a number, in Hz, got '104'"),
+        (None, {"rate": 1.0}, "give a path, an array, a table .* got NoneType None"),
         (small(8).reshape(2, 4), {"rate": 1.0}, r"shape \(2, 4\) needs axes"),
         (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx"]}, "1 axis names do not fit"),
         (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx", "gx", "gy"]}, "gx appears twice"),

@@ -156,6 +156,12 @@ def test_what_is_no_port(complaint, place):
         (("watch",), ("watch", "analyse")),
         (("live", "sim", "--for", "1m30"), ("1m30", "1h30m")),
         (("live", "sim", "--port", "/dev/ttyACM0"), ("/dev/ttyACM0", "serial port")),
+        (("stability",), ("required: QUANTITY;",)),
+        (("stability", "mtye"), ("unknown quantity 'mtye'", "mtie")),
+        (("stability", "gcodev", "a.csv"), ("gcodev takes 2 inputs, 1 given",)),
+        (("stability", "edf", "a.csv"), ("edf takes no inputs, 1 given",)),
+        (("convert", "a.csv", "b.csv", "--from", "S_z", "--to", "adev"), ("quantity 'S_z'",)),
+        (("chart", "slopes", "nowhere/x.svg"), ("cannot write nowhere/x.svg: No such file",)),
     ],
 )
 def test_what_does_not_exist_is_refused_before_anything_is_made(complaint, arguments, words):
@@ -190,6 +196,27 @@ FILES = {
     "words.txt": b"no numbers in here\n" * 50,
     "header.csv": HEADER.encode(),
 }
+
+
+@pytest.mark.parametrize("command", [("analyse",), ("recover", "out.mcap")])
+def test_an_empty_recording_is_called_empty(complaint, command, tmp_path):
+    (tmp_path / "empty.mcap").touch()
+    code, line = complaint(command[0], "empty.mcap", *command[1:])
+    assert (code, line) == (3, "allanscope: empty.mcap is empty\n")
+
+
+@pytest.mark.parametrize("command", [("analyse",), ("export", "out.csv")])
+def test_a_result_is_not_taken_for_a_table(complaint, command, tmp_path):
+    (tmp_path / "result.json").write_text(json.dumps({"schema": "allanscope/1", "rate": [1, 2]}))
+    code, line = complaint(command[0], "result.json", *command[1:])
+    assert code == 3
+    assert "result.json is a result; name its recording" in line
+
+
+def test_a_table_that_is_missing_is_named_once(complaint):
+    code, line = complaint("convert", "missing.csv", "b.csv", "--from", "S_y", "--to", "adev")
+    assert code == 3
+    assert line == "allanscope: cannot read missing.csv: No such file or directory\n"
 
 
 @pytest.mark.parametrize("name", FILES)

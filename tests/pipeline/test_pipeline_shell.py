@@ -243,6 +243,7 @@ def test_the_doctor_names_the_command_that_mends_it(tmp_path, monkeypatch, capsy
     assert "systemctl disable --now ModemManager" in doctor._modem_manager(tmp_path).remedy
     assert "mesa-vulkan-drivers" in doctor._graphics(tmp_path, tmp_path).remedy
     assert doctor._disk(Path("/proc")).grade == "bad"
+    assert doctor._disk(tmp_path / "none").text.endswith("none: No such file or directory")
 
 
 @pytest.mark.parametrize(

@@ -159,13 +159,13 @@ def summary_lines(result: FleetResult) -> list[str]:
     Examples
     --------
     >>> summary_lines(FleetResult({"a": "1", "b": "2"}, 1, {"c": "c is empty"}, left=4))
-    ['2 recordings analysed, 1 of them before; 1 failed; 4 left: repeat the command to continue']
+    ['2 recordings analysed, 1 of them earlier; 1 failed; 4 left: repeat the command to continue']
     """
     ready = len(result.keys)
     before = ready - result.done
     text = f"{ready} recording{'s' * (ready != 1)} analysed"
     if before:
-        text += f", {before} of them before"
+        text += f", {before} of them earlier" if result.done else " earlier"
     if result.copies:
         text += f", {len(result.copies)} of them copies"
     if result.losses:
@@ -174,7 +174,7 @@ def summary_lines(result: FleetResult) -> list[str]:
         text += f"; {len(result.failures)} failed"
     if result.left:
         text += f"; {result.left} left: repeat the command to continue"
-    files = [str(path) for path in (result.table, result.report) if path is not None]
+    files = [f"Saved: {path}" for path in (result.table, result.report) if path is not None]
     accepted = [] if result.acceptance is None else [result.acceptance.words]
     return [text, *accepted, *files]
 

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -131,6 +132,8 @@ def analyse(
     >>> result.axes["gz"].explanation.effects
     ()
     """
+    if rate is not None and not isinstance(rate, Real):
+        raise ValueError(f"rate must be a number, in Hz, got {rate!r}")
     device = DeviceSettings(
         part=part, rate_hz=rate, gyro_fs=gyro_fs, accel_fs=accel_fs, wire=wire, stream=stream
     )

@@ -130,7 +130,7 @@ def check_failure(verdicts: list[Verdict]) -> CheckFailed | None:
     missed = [v for v in verdicts if not v.passed]
     if not missed:
         return None
-    named = "; ".join(f"{v.axis} {v.coefficient}: {v.reason}" for v in missed)
+    named = ", ".join(f"{v.coefficient} of {v.axis}" for v in missed)
     return CheckFailed(f"{len(missed)} of {len(verdicts)} limits missed: {named}")
 
 

@@ -97,6 +97,11 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None, timed: bool = 
     values = np.asanyarray(data)
     if values.dtype.names:
         return columns_of_mapping({name: values[name] for name in axes or values.dtype.names})
+    if values.ndim == 0:
+        raise ValueError(
+            "give a path, an array, a table or a mapping of names to columns; got "
+            f"{type(data).__name__} {data!r}"
+        )
     if values.ndim == 1:
         values = values[:, np.newaxis]
     if values.ndim != 2:

@@ -209,8 +209,8 @@ def _compiled() -> Check:
 
 def _disk(folder: Path) -> Check:
     """Write some megabytes to the disk, as a recorder would, and remove them."""
-    free = shutil.disk_usage(folder).free
     try:
+        free = shutil.disk_usage(folder).free
         with tempfile.TemporaryFile(dir=folder) as file:
             began = time.monotonic()
             for _ in range(_PROBES):
@@ -220,7 +220,8 @@ def _disk(folder: Path) -> Check:
             per_s = _PROBES * _PROBE / (time.monotonic() - began)
     except (OSError, AllanscopeError) as error:
         remedy = "choose a folder that can be written to with --out"
-        return Check("bad", "disk", f"{folder.resolve()}: {error}", remedy)
+        why = getattr(error, "strerror", None) or error
+        return Check("bad", "disk", f"cannot write to {folder.resolve()}: {why}", remedy)
     text = f"{per_s / 1e6:.0f} MB/s, {free / 1e9:.1f} GB free in {folder.resolve()}"
     if free < _ENOUGH_BYTES or per_s < _ENOUGH_PER_S:
         return Check("note", "disk", text, "choose another disk with --out")

@@ -22,6 +22,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import InputLength, events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
+from allanscope.quantities import duration
 from allanscope.recording import (
     Chunk,
     Recording,
@@ -101,8 +102,8 @@ Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
 """As `StreamInfo.configuration` has it."""
 
 
-def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
-    """Keep a text file or a raw capture as a recording, with what the user knows about it.
+def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> Path:
+    """Keep a text file or a raw capture as a recording, with what the user knows; return its file.
 
     The bytes are kept as they are: a better reader of tomorrow can read them again. Arrays and
     bags of ROS 2 become rows of text, which `replay`, `fleet` and `export` read.
@@ -113,8 +114,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
         When it contains no samples that could be read, or is a recording already.
     """
     if is_table_file(source):
-        _import_table(source, out, device, quiet)
-        return
+        return _import_table(source, out, device, quiet)
     if is_recording(source):
         Recording(source)  # a damaged one says so itself
         raise InputError(f"{source} is a recording already; analyse and export take it as it is")
@@ -133,10 +133,10 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
                 advance(len(chunk.data))
                 yield Chunk(0, chunk.data)
 
-        write_recording(out, chunks(), facts)
+        return write_recording(out, chunks(), facts)
 
 
-def _import_table(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
+def _import_table(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> Path:
     """Keep a file of arrays as a recording of text."""
     found = table_of_file(source, device.stream)
     try:
@@ -161,7 +161,7 @@ def _import_table(source: Path, out: Path, device: DeviceSettings, quiet: bool) 
                 advance(min(_ROWS, size - start))
 
     facts = {**device.metadata(), "name": source.name, "came_from": found.kind}
-    write_recording(out, chunks(), facts)
+    return write_recording(out, chunks(), facts)
 
 
 def export_recording(
@@ -251,7 +251,7 @@ def _export_coefficients(
             analysis.duration_s,
         )
     part = f", {stored.part}" if stored.part else ""
-    facts = f"{source.name}{part}, {stored.duration_s / 3600:.3g} h"
+    facts = f"{source.name}{part}, {duration(stored.duration_s)}"
     try:
         if layout == "bound":
             text = bound_yaml(curves, source=facts)

@@ -35,8 +35,8 @@ def simulator(
 
 def simulate_recording(
     out: Path, hours: float, device: DeviceSettings, simulated: SimulatedSettings, quiet: bool
-) -> None:
-    """Write a recording of the simulated device, much faster than real time.
+) -> Path:
+    """Write a recording of the simulated device, much faster than real time; return its file.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def simulate_recording(
                 before = host_ns
                 yield Chunk(host_ns, data)
 
-        write_recording(
+        return write_recording(
             out, chunks(), {"name": "simulated", "wire": wire, "origin": sensor.info.origin}
         )
 

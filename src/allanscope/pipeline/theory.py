@@ -90,13 +90,13 @@ def convert_table(
     InputError, UsageError
         For a table that cannot be read, or numbers that make no sense.
     """
-    given, wanted = (one if one in DENSITIES else one.lower() for one in (given, wanted))
     for one in (given, wanted):
-        if one not in (*DENSITIES, *KINDS):
+        if one not in DENSITIES and one.lower() not in KINDS:
             raise UsageError(
-                f"no quantity {one!r}; choose {', '.join(DENSITIES)} or a deviation: "
+                f"unknown quantity {one!r}; choose {', '.join(DENSITIES)} or a deviation: "
                 f"{' '.join(KINDS)}"
             )
+    given, wanted = (one if one in DENSITIES else one.lower() for one in (given, wanted))
     x, y = _table(source)
     try:
         if wanted in DENSITIES:
@@ -141,7 +141,9 @@ def _table(path: Path) -> tuple[Floats, Floats]:
         lines = path.read_text(encoding="utf-8").splitlines()
         found = [line.replace(",", " ").replace(";", " ").split() for line in lines]
         rows = [[float(a), float(b)] for a, b, *_ in (r for r in found if _is_numeric(r))]
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    except ValueError as error:
         raise InputError(f"{path}: no table of two columns: {error}") from None
     if len(rows) < 2:
         raise InputError(f"{path}: a table needs two rows of numbers or more")
@@ -252,7 +254,8 @@ def stability_table(request: StabilityRequest) -> str:
     """
     make, inputs = _QUANTITIES[request.name]
     if len(request.inputs) != inputs:
-        raise UsageError(f"{request.name}: {inputs} inputs are needed, {len(request.inputs)} given")
+        needed = f"{inputs or 'no'} input{'s' * (inputs != 1)}"
+        raise UsageError(f"{request.name} takes {needed}, {len(request.inputs)} given")
     series = [_series_of(path, request) for path in request.inputs]
     try:
         columns = make(request, *series)
@@ -467,7 +470,7 @@ def draw_chart(name: str, out: Path, device: DeviceSettings) -> None:
     try:
         picture.save(out.with_suffix(""))
     except OSError as error:
-        raise UsageError(f"cannot write {out}: {error}") from None
+        raise UsageError(f"cannot write {out}: {error.strerror}; choose another place") from None
 
 
 def chain_steps(device: DeviceSettings) -> list[ChainStep]:

@@ -17,6 +17,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 
 from allanscope.errors import InputError
+from allanscope.quantities import count, duration
 from allanscope.recording.layout import MCAP_MAGIC, PROFILE, SEAL, is_intact
 from allanscope.recording.records import (
     END_BYTES,
@@ -65,8 +66,9 @@ class Damage:
     seconds: float | None = None
 
     def __str__(self) -> str:
-        held = "" if self.seconds is None else f", {self.seconds:.3f} s"
-        return f"{self.file.name}, byte {self.offset}: {self.what} ({self.length} bytes{held})"
+        held = "" if self.seconds is None else f", {duration(self.seconds)}"
+        size = f" ({count(self.length)} bytes{held})" if self.length else ""
+        return f"{self.file.name}, byte {self.offset}: {self.what}{size}"
 
 
 @dataclass(slots=True)
@@ -135,6 +137,8 @@ class _Walk:
         """Return where the first record is; the file may have lost its very beginning."""
         if self._read(0, len(MCAP_MAGIC)) == MCAP_MAGIC:
             return len(MCAP_MAGIC)
+        if not self.size:
+            raise InputError(f"{self.path} is empty")
         first = self._next_record(0) if self.path.suffix == ".mcap" else None
         if first is None:
             raise InputError(f"not a recording: {self.path} is not an MCAP file")

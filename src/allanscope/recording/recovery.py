@@ -9,7 +9,7 @@ from pathlib import Path
 
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
-from allanscope.quantities import count
+from allanscope.quantities import count, duration
 from allanscope.recording.layout import CHANNELS, RX
 from allanscope.recording.outline import TRUNCATED, Damage
 from allanscope.recording.reader import Recording
@@ -47,11 +47,12 @@ class RecoveryReport:
         saved = f"Saved: {self.out}: {count(self.reads)} reads, {count(self.bytes)} bytes"
         if not self.lost_reads and not self.damage:
             return f"{saved}; lost: none"
+        reads = f"{count(self.lost_reads)} reads, " if self.lost_reads else ""
         unreadable = count(sum(one.length for one in self.damage))
         return "\n".join(
             [
                 saved,
-                f"Lost: {count(self.lost_reads)} reads between them, at most {self.lost_s:.3f} s",
+                f"Lost: {reads}at most {duration(self.lost_s)}",
                 f"Unreadable: {unreadable} bytes",
                 *(f"  {one}" for one in self.damage),
             ]

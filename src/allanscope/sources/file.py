@@ -22,6 +22,7 @@ __all__ = ["FileSource", "RecordedSource"]
 
 READ_BYTES = 1 << 18
 _GZIP_MAGIC = b"\x1f\x8b"
+_IS_RESULT = b'"schema": "allanscope/'
 WAIT_S = 0.05
 
 
@@ -58,6 +59,9 @@ class FileSource:
         if not self._ahead:
             self._file.close()
             raise InputError(f"{path} is empty")
+        if path.suffix == ".json" and _IS_RESULT in self._ahead:
+            self._file.close()
+            raise InputError(f"{path} is a result; name its recording or the folder of its session")
 
     @property
     def name(self) -> str:

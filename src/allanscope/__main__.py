@@ -12,7 +12,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from allanscope.cli import WITH_SETTINGS, parser
 from allanscope.errors import AllanscopeError, ExitCode, UsageError
 from allanscope.lazy import defer_unused
-from allanscope.sanitize import complain, spell_out_standard_streams
+from allanscope.sanitize import print_error, spell_out_standard_streams
 
 __all__ = ["main"]
 
@@ -55,11 +55,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         else:
-            complain(error)
+            print_error(error)
         return int(error.exit_code)
     except KeyboardInterrupt:
         # A session ends in order and does not come here; whatever else was stopped is not done.
-        complain("stopped before it was done")
+        print_error("stopped before it was done")
         return ExitCode.STOPPED
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing is left to say to it.
@@ -74,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _not_parsed(error: UsageError | BrokenPipeError) -> int:
     if isinstance(error, UsageError):
-        complain(error)
+        print_error(error)
         return int(error.exit_code)
     _discard_unwritable_output()  # what was asked for, such as --version, had no reader any more
     return ExitCode.DONE
@@ -85,10 +85,10 @@ def _unexpected(error: Exception, command: str) -> int:
     if isinstance(error, ModuleNotFoundError):
         missing = _missing_package(error, command)
         if missing is not None:
-            complain(missing)
+            print_error(missing)
             return ExitCode.USAGE
     what = f"{type(error).__name__}: {error}"
-    complain(f"internal error: {what}; run with --debug for the traceback")
+    print_error(f"internal error: {what}; run with --debug for the traceback")
     return ExitCode.UNEXPECTED
 
 

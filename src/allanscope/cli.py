@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from allanscope import arguments
 from allanscope.errors import ExitCode, UsageError
-from allanscope.sanitize import complain, sanitize
+from allanscope.sanitize import print_error, sanitize
 
 if TYPE_CHECKING:
     from allanscope.allan import CurveChoices
@@ -277,7 +277,7 @@ def fleet(options: Namespace) -> int:
     )
     result = run_fleet(settings, _device_settings(options))
     for line in problem_lines(result):
-        complain(line)
+        print_error(line)
     print("\n".join(map(sanitize, summary_lines(result))))
     if result.left:
         return ExitCode.STOPPED
@@ -605,7 +605,7 @@ def _exit_code(analysis: Analysis) -> int:
     ]
     not_passed = _not_passed(analysis)
     for line in (*lines, *analysis.failures, *not_passed):
-        complain(line)
+        print_error(line)
     if failed:
         return ExitCode.UNEXPECTED
     if not_passed:

@@ -23,12 +23,12 @@ from contextlib import suppress
 from typing import TextIO
 
 __all__ = [
-    "complain",
     "encodable",
     "excerpt",
     "markdown",
     "one_line",
     "plain_line",
+    "print_error",
     "sanitize",
     "spell_out",
     "spell_out_standard_streams",
@@ -86,7 +86,7 @@ def one_line(text: object) -> str:
     return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]} ..."
 
 
-def complain(text: object) -> None:
+def print_error(text: object) -> None:
     """Print one line on standard error, with the program's name; a closed stream is no error."""
     with suppress(OSError, ValueError):
         print(f"allanscope: {sanitize(str(text))}", file=sys.stderr, flush=True)

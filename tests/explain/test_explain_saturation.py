@@ -7,6 +7,8 @@ import pytest
 from scipy.stats import norm
 
 from allanscope.explain import explain
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import KINDS
 
 SIGMA = 4e-3 * 52.0**0.5
 SECONDS = 600.0
@@ -121,3 +123,12 @@ def test_decimals_of_a_step_that_is_none_are_no_repeats(bench):
     for column in printed:
         found = explain(b.record(column, lsb=0.01)).axes["gx"]
         assert not {"repeated_samples", "saturation"} & set(names(found))
+
+
+def test_their_sizes_are_said_in_units_that_people_read():
+    share, level = Estimate.exact(0.1), Estimate.exact(124.99, "dps")
+    cut = KINDS["saturation"](level=level, side=Estimate.exact(1.0), fraction=share)
+    assert "at the upper end, 125 dps:" in cut.words
+    empty = KINDS["dead_zone"](Estimate.exact(0.03, "g"), Estimate.exact(1e-3, "g"), share)
+    assert "dead zone of 1000 ug around 30.0 mg are replaced" in empty.words
+    assert "step of 8.75 mdps" in KINDS["quantization"](Estimate.exact(8.75e-3, "dps"), 0.4).words

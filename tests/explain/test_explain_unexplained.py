@@ -102,7 +102,7 @@ def test_the_live_loop_looks_at_doubling_times_and_announces_once(bench):
     b = bench(41)
     whole = b.record(b.noise() + 0.01 * np.sin(2 * np.pi * 5 * b.t))
     loop = LiveLoop(first_s=300.0)
-    announced, looks = [], 0
+    announced, searches = [], 0
     for seconds in range(100, 1200, 100):
         n = int(seconds * RATE)
         part = replace(
@@ -112,9 +112,9 @@ def test_the_live_loop_looks_at_doubling_times_and_announces_once(bench):
             start_s=whole.start_s[:n],
             segments=np.array([[0, n]]),
         )
-        looks += loop.due(part)
+        searches += loop.due(part)
         announced += loop.update(part)
-    assert loop.looks == looks == 2
+    assert loop.searches == searches == 2
     (finding,) = announced
     assert (finding.axes, finding.effect.kind, finding.at_s) == (("gx",), "sinusoid", 300.0)
     assert finding.after.rms_percent < finding.before.rms_percent

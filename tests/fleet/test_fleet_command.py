@@ -48,8 +48,8 @@ def test_a_bad_file_is_one_line_and_the_rest_goes_on(
     assert "Traceback" not in ended.stderr
     assert ended.stdout.splitlines() == [
         "3 recordings analysed; 1 failed",
-        str(out / "lot.parquet"),
-        str(out / "lot.html"),
+        f"Saved: {out / 'lot.parquet'}",
+        f"Saved: {out / 'lot.html'}",
     ]
     assert str(bad) in (out / "lot.html").read_text()
 
@@ -93,7 +93,7 @@ def test_ctrl_c_ends_in_order_and_the_same_command_goes_on(
     assert pq.read_table(out / "lot.parquet").num_rows == 6 * len(done)
     again = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
     assert again.returncode == 0, again.stderr
-    assert f"{COUNT} recordings analysed, {len(done)} of them before" in again.stdout
+    assert f"{COUNT} recordings analysed, {len(done)} of them earlier" in again.stdout
     assert {path: path.stat().st_mtime_ns for path in done} == done
 
 
@@ -148,7 +148,7 @@ def test_a_client_that_is_killed_leaves_no_orphan_and_goes_on(
     assert not (out / "lot.parquet").exists()
     again = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
     assert again.returncode == 0, again.stderr
-    before = f", {kept} of them before" if kept < COUNT else ""
+    before = f", {kept} of them earlier" if kept < COUNT else " earlier"
     assert again.stdout.splitlines()[0] == f"{COUNT} recordings analysed{before}"
     call = command(tmp_path / "lot", "--out", whole, "--workers", 1)
     subprocess.run(call, capture_output=True, timeout=200, check=True)

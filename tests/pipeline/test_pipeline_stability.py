@@ -190,7 +190,7 @@ def test_gaps_leave_the_longest_stretch(ask, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["gcodev", "a.txt"], "gcodev: 2 inputs are needed, 1 given"),
+        (["gcodev", "a.txt"], "gcodev takes 2 inputs, 1 given"),
         (["edf"], "edf needs --samples"),
         (["cov", "--samples", "100", "--model", "X=1"], "write e.g. N=0.003,B=0.001"),
         (["cov", "--samples", "100", "--model", "F=1"], "has no expectation; take ohdev"),

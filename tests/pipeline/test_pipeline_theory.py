@@ -76,7 +76,7 @@ def test_a_deviation_becomes_another_one(tmp_path):
         (
             "1,1\n2,1\n",
             ("S_y", "xdev"),
-            "no quantity 'xdev'; choose S_y, S_phi, L or a deviation",
+            "unknown quantity 'xdev'; choose S_y, S_phi, L or a deviation",
         ),
     ],
 )

@@ -1,9 +1,9 @@
 """The loop while a run goes on: bounded in time, with penalties for repeated searches.
 
-Looking at every refresh for twelve hours is 720 looks; a test that errs once in a thousand would
-err most nights. So the search runs only when the record has doubled since the last time, and the
-k-th such look may spend alpha / 2^k: over a whole run no more than alpha. The looks of a whole run
-cost together no more than twice the last one, and that one sees no more rows than the history
+Searching at every refresh for twelve hours is 720 searches; a test that errs once in a thousand
+would err most nights. So the search runs only when the record has doubled since the last time, and
+the k-th search may spend alpha / 2^k: over a whole run no more than alpha. The searches of a whole
+run cost together no more than twice the last one, and that one sees no more rows than the history
 keeps, however long the run.
 
 ::
@@ -37,7 +37,7 @@ _COARSE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that was not known at any look before.
+    """Something that no earlier search had found.
 
     Attributes
     ----------
@@ -75,16 +75,16 @@ class LiveLoop:
     Parameters
     ----------
     first_s : float
-        Length of the record at the first look.
+        Length of the record at the first search.
     nominal_hz : float, optional
         Sample rate that the device claims.
 
     Attributes
     ----------
     explanation : Explanation or None
-        Of all axes, as of the last look; None before the first.
-    looks : int
-        How often it was looked.
+        Of all axes, as of the last search; None before the first.
+    searches : int
+        How many searches there were.
     findings : tuple of Finding
         All that were announced, in order.
 
@@ -108,12 +108,12 @@ class LiveLoop:
     first_s: float = 120.0
     nominal_hz: float | None = None
     explanation: Explanation | None = None
-    looks: int = 0
+    searches: int = 0
     findings: tuple[Finding, ...] = ()
     _next_s: float = field(default=0.0, repr=False)
 
     def due(self, record: Record) -> bool:
-        """Return whether the record is long enough for the next look: costs nothing."""
+        """Return whether the record is long enough for the next search: costs nothing."""
         return _length_s(record) >= max(self._next_s, self.first_s)
 
     def update(
@@ -122,7 +122,7 @@ class LiveLoop:
         rate_fit: RateFit | tuple[float, float] | None = None,
         densities: Mapping[str, Density] | None = None,
     ) -> tuple[Finding, ...]:
-        """Look at the record if it is time to, and return what is new.
+        """Search the record if it is time to, and return what is new.
 
         Parameters
         ----------
@@ -135,14 +135,14 @@ class LiveLoop:
         """
         if not self.due(record):
             return ()
-        self.looks += 1
+        self.searches += 1
         self._next_s = 2 * _length_s(record)
         self.explanation = explain(
             record,
             densities,
             nominal_hz=self.nominal_hz,
             rate_fit=rate_fit,
-            budget=Budget(spent_nats=self.looks * math.log(2)),
+            budget=Budget(spent_nats=self.searches * math.log(2)),
         )
         new = self._new(self.explanation, _length_s(record))
         self.findings += new
@@ -164,7 +164,7 @@ def _length_s(record: Record) -> float:
 
 
 def _same(first: Effect, second: Effect) -> bool:
-    """Return whether two looks speak of one effect: same kind, in the same place."""
+    """Return whether two searches found one effect: same kind, in the same place."""
     if first.kind != second.kind or not (place := first.traits.located_by):
         return first.kind == second.kind
     a, b = first.parameters[place], second.parameters[place]

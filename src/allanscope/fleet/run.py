@@ -27,7 +27,7 @@ from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.store import Store
 from allanscope.fleet.work_queue import FleetResult, WorkQueue
 from allanscope.pipeline import DeviceSettings, read_limits, stopped_by_signals
-from allanscope.sanitize import complain
+from allanscope.sanitize import print_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -134,7 +134,7 @@ def _process_queue(queue: WorkQueue, settings: FleetSettings, device: DeviceSett
         with progress(
             float(len(queue.todo)), "fleet", unit="recordings", quiet=settings.quiet
         ) as advance:
-            _dispatch(queue, WorkerPool(client, complain), device, advance, stopped)
+            _dispatch(queue, WorkerPool(client, print_error), device, advance, stopped)
 
 
 def _dispatch(

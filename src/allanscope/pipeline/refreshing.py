@@ -37,7 +37,7 @@ REFRESH_S = 1.0
 
 FRESH_S, OLDEST_S = 5.0, 60.0
 """No result need be younger than the one, nor grows older than the other: the first minute is
-watched closely, and a number that stands for ten looks frozen."""
+watched closely, and a number that stands for ten seems frozen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,7 @@ class LoopProcess:
     @property
     def searches(self) -> int:
         """How often a search has ended."""
-        return self._loop.looks
+        return self._loop.searches
 
     @property
     def busy(self) -> bool:

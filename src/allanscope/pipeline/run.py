@@ -51,7 +51,7 @@ from allanscope.pipeline.stream import device_source, no_samples_error
 from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import AXES, Event, Notice
-from allanscope.sanitize import complain
+from allanscope.sanitize import print_error
 from allanscope.sources import RecordedSource, Source, require_port
 from allanscope.view import RerunView, TerminalView, load_rerun, require_rerun
 from allanscope.worker_process import WorkerProcess
@@ -388,7 +388,7 @@ class _ResultOutput:
 def _report_alarm(line: str, notices: NoticeQueue, quiet: bool) -> None:
     """Report an alarm of the recorder at once; called in its thread."""
     if quiet and line:
-        complain(line)
+        print_error(line)
     kind: Literal["error", "text"] = "error" if line else "text"
     notices.put(Notice(kind, line or "recording to disk continues", {"host": 1}))
 

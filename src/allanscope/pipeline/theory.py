@@ -44,7 +44,7 @@ from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.quantities import count, duration
 from allanscope.recording import Recording, is_recording
 from allanscope.samples import Block, Gap, StreamInfo, unit_of
-from allanscope.sanitize import complain
+from allanscope.sanitize import print_error
 
 if TYPE_CHECKING:
     from allanscope.report import ChainStep
@@ -455,7 +455,8 @@ def _longest(path: Path, values: Floats) -> Floats:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], finite.astype(np.int8), [0]])))
     starts, stops = edges[::2], edges[1::2]
     best = int(np.argmax(stops - starts))
-    complain(f"{path} has gaps: the longest stretch, {stops[best] - starts[best]} samples, is used")
+    longest = count(int(stops[best] - starts[best]))
+    print_error(f"{path} has gaps: the longest stretch, {longest} samples, is used")
     return values[starts[best] : stops[best]]
 
 

@@ -6,8 +6,8 @@
                      gap, notice ───────────┤ tasks (bounded, dropped when full)
     refresh thread   snapshot ──▶ LogSpacing ─────┘
                                             ▼
-    worker thread                        Outlet ──▶ server on the loopback ──▶ viewer process
-                                         FileOutlet ──▶ session.rrd
+    worker thread                        ChartSink ──▶ server on the loopback ──▶ viewer process
+                                         ChartFile ──▶ session.rrd
 
 No method blocks, whatever the viewer does. Rerun takes more than a second and 90 MB to import, so
 that is left to `start`, or to `load_rerun` where something must not wait for it later. Where there
@@ -34,8 +34,8 @@ from allanscope.analysis import Analysis
 from allanscope.quantities import duration, number
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.view.change_log import GapThrottle, Level
+from allanscope.view.chart_sink import ChartFile, ChartSink, expected_bytes, largest_part, refusal
 from allanscope.view.decimator import Decimator, Rows
-from allanscope.view.outlet import FileOutlet, Outlet, expected_bytes, largest_part, refusal
 from allanscope.view.viewer_process import (
     DATA_PORT_AFTER_PAGE,
     ViewerSupervisor,
@@ -135,7 +135,7 @@ class RerunView:
         self._session = dict(session or {})
         self._say = say or (lambda line: None)
         self._worker: Worker | None = None
-        self._outlets: list[Outlet] = []
+        self._sinks: list[ChartSink] = []
         self._decimator = Decimator()
         self._rows: deque[tuple[tuple[str, ...], Rows]] = deque(maxlen=_ROWS_WAITING)
         self._rows_lost = 0
@@ -154,7 +154,7 @@ class RerunView:
             Where to draw instead, as for a viewer that reads this program's output.
         """
         if canvas is not None:
-            self._outlets, self._worker = [Outlet(lambda: canvas)], Worker("rerun-view")
+            self._sinks, self._worker = [ChartSink(lambda: canvas)], Worker("rerun-view")
             return
         if self._mode == "none" and self._file is None:
             return
@@ -165,7 +165,7 @@ class RerunView:
 
             data = None if self._port is None else self._port + DATA_PORT_AFTER_PAGE
             served, self.address = Canvas.serve(self._session, data)
-            self._outlets.append(Outlet(lambda: served))
+            self._sinks.append(ChartSink(lambda: served))
         if self._file is not None:
             self._start_file(self._file)
         self._worker = Worker("rerun-view")
@@ -200,7 +200,7 @@ class RerunView:
         if self.failure:
             self._say(self.failure)
         else:
-            self._outlets.append(FileOutlet(partial(_canvas, self._session, file), file, self._say))
+            self._sinks.append(ChartFile(partial(_canvas, self._session, file), file, self._say))
 
     @property
     def dropped(self) -> int:
@@ -268,7 +268,7 @@ class RerunView:
         self._decimator.rate(analysis.rate.best_hz, analysis.duration_s)
         self._latest = analysis
         self._may_load.set()
-        due = [outlet.due(analysis.duration_s) for outlet in self._outlets]
+        due = [sink.due(analysis.duration_s) for sink in self._sinks]
         if any(due):
             self._submit(self._draw_latest, once="result")
 
@@ -310,14 +310,14 @@ class RerunView:
         self._may_load.set()
         page = self.serves_page
         ended = worker.close(partial(self._finish, keep_served=page), timeout_s)
-        kept = [outlet for outlet in self._outlets if isinstance(outlet, FileOutlet)]
+        kept = [sink for sink in self._sinks if isinstance(sink, ChartFile)]
         try:
             stay()
         finally:
             if page and ended:
-                for outlet in self._outlets:
-                    if outlet not in kept:
-                        outlet.close()
+                for sink in self._sinks:
+                    if sink not in kept:
+                        sink.close()
             if self.viewer is not None:
                 self.viewer.close()
         if worker.error is not None:
@@ -341,30 +341,30 @@ class RerunView:
         while waiting:
             axes = waiting[0][0]
             same = Rows.joined([rows for of, rows in waiting if of == axes])
-            self._for_each_outlet(methodcaller("rows", axes, same))
+            self._for_each_sink(methodcaller("rows", axes, same))
             waiting = [entry for entry in waiting if entry[0] != axes]
 
     def _draw_latest(self) -> None:
         latest = self._latest
         if latest is not None:
-            self._for_each_outlet(lambda outlet: outlet.result(latest))
+            self._for_each_sink(lambda sink: sink.result(latest))
 
     def _finish(self, keep_served: bool) -> None:
         self._draw_rows()
         # The file first: it is made smaller beside what viewers are still shown.
-        self._outlets.sort(key=lambda outlet: not isinstance(outlet, FileOutlet))
-        self._for_each_outlet(
-            lambda outlet: outlet.finish(
-                self._latest, close=isinstance(outlet, FileOutlet) or not keep_served
+        self._sinks.sort(key=lambda sink: not isinstance(sink, ChartFile))
+        self._for_each_sink(
+            lambda sink: sink.finish(
+                self._latest, close=isinstance(sink, ChartFile) or not keep_served
             )
         )
 
-    def _for_each_outlet(self, task: Callable[[Outlet], None]) -> None:
-        """Do it for each outlet, whatever fails in another."""
+    def _for_each_sink(self, task: Callable[[ChartSink], None]) -> None:
+        """Do it for each sink, whatever fails in another."""
         failed: Exception | None = None
-        for outlet in self._outlets:
+        for sink in self._sinks:
             try:
-                task(outlet)
+                task(sink)
             except Exception as error:
                 failed = failed or error
         if failed is not None:
@@ -388,10 +388,10 @@ class RerunView:
         self._task(lambda canvas: canvas.remark(elapsed_s, text, level))
 
     def _task(self, task: Callable[[Canvas], None]) -> None:
-        self._submit(lambda: self._for_each_outlet(lambda outlet: outlet.draw(task)))
+        self._submit(lambda: self._for_each_sink(lambda sink: sink.draw(task)))
 
     def _submit(self, task: Callable[[], None], once: str = "") -> None:
-        if self._worker is not None and self._outlets:
+        if self._worker is not None and self._sinks:
             self._worker.submit(task, once)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from allanscope.recording import Chunk, Recorder, Recording
-from allanscope.view import RerunView, outlet, rerun_view
+from allanscope.view import RerunView, chart_sink, rerun_view
 from allanscope.view.decimator import ROWS_HZ, LogSpacing, Rows, RowThinner
 from support.demo_analysis import demo_analysis
 from support.demo_session import perform
@@ -44,7 +44,7 @@ def disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
 
 def allow_a_look(view: RerunView) -> None:
     """Make the file look at its disk with the next thing that is drawn."""
-    for one in view._outlets:
+    for one in view._sinks:
         one._looked_s = -float("inf")
 
 
@@ -98,10 +98,10 @@ def test_a_write_that_fails_ends_the_file_and_not_the_program(disk: Callable[[in
     folder = disk(1)
     script = (
         "import sys, pathlib; sys.path.insert(0, sys.argv[1])\n"
-        "from allanscope.view import RerunView, load_rerun, outlet\n"
+        "from allanscope.view import RerunView, load_rerun, chart_sink\n"
         "load_rerun()\n"
         "from support.demo_session import perform\n"
-        "outlet.shutil.disk_usage = lambda folder: type('Room', (), {'free': 1 << 40})\n"
+        "chart_sink.shutil.disk_usage = lambda folder: type('Room', (), {'free': 1 << 40})\n"
         "view = RerunView(pathlib.Path(sys.argv[2]), 'none'); view.start(); perform(view, 4.0)\n"
         "view.close(); print(view.failure)\n"
     )
@@ -120,7 +120,7 @@ def test_a_write_that_fails_ends_the_file_and_not_the_program(disk: Callable[[in
 def test_the_file_ends_at_its_largest_size_without_a_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outlet, "MOST_BYTES", MB)
+    monkeypatch.setattr(chart_sink, "MOST_BYTES", MB)
     said: list[str] = []
     view = RerunView(tmp_path, "none", say=said.append)
     view.start()
@@ -180,14 +180,14 @@ def test_longer_rows_do_not_bridge_a_gap() -> None:
 
 
 def test_the_number_of_results_grows_with_the_logarithm_of_the_run() -> None:
-    pace = LogSpacing(share=outlet.FILE_SHARE, longest_s=float("inf"))
+    pace = LogSpacing(share=chart_sink.FILE_SHARE, longest_s=float("inf"))
     drawn = sum(pace.due(float(second)) for second in range(1, 12 * 3600))
-    assert drawn == pytest.approx(LogSpacing.expected(12 * 3600.0, outlet.FILE_SHARE), rel=0.1)
+    assert drawn == pytest.approx(LogSpacing.expected(12 * 3600.0, chart_sink.FILE_SHARE), rel=0.1)
     assert drawn < 450
 
 
 def test_a_served_run_keeps_the_minute_that_its_file_does_without() -> None:
-    shown, kept = LogSpacing(), LogSpacing(share=outlet.FILE_SHARE, longest_s=float("inf"))
+    shown, kept = LogSpacing(), LogSpacing(share=chart_sink.FILE_SHARE, longest_s=float("inf"))
     at = range(36_000, 37_000)
     assert sum(map(shown.due, map(float, at))) >= 16
     assert sum(map(kept.due, map(float, at))) <= 2

@@ -23,7 +23,7 @@ from allanscope.view.viewer_process import optimise
 if TYPE_CHECKING:
     from allanscope.view.rerun_recording import Canvas
 
-__all__ = ["FileOutlet", "Outlet", "expected_bytes", "largest_part", "refusal"]
+__all__ = ["ChartFile", "ChartSink", "expected_bytes", "largest_part", "refusal"]
 
 _RARELY = 5.0
 """Grids, and estimators other than the default one, are drawn so many times less often."""
@@ -48,7 +48,7 @@ _LOOK_EVERY_S = 0.5
 _LARGE_FILE = 50e6
 
 
-class Outlet:
+class ChartSink:
     """Charts on their way to viewers: everything, as it comes.
 
     Parameters
@@ -104,7 +104,7 @@ class Outlet:
         self.canvas.close()
 
 
-class FileOutlet(Outlet):
+class ChartFile(ChartSink):
     """Charts on their way to ``session.rrd``, as long as the recording has room beside it.
 
     Rerun's writer ends at the first error and says so when it is flushed; to disconnect it would

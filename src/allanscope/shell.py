@@ -14,6 +14,7 @@ from typing import Any
 
 from allanscope.arguments import SUGGESTIONS
 from allanscope.errors import UsageError
+from allanscope.parts import part_named
 from allanscope.sanitize import sanitize
 
 __all__ = ["SHELLS", "apply_settings", "completion", "settings_file", "settings_lines"]
@@ -70,6 +71,9 @@ def apply_settings(top: ArgumentParser) -> None:
         for action in _options(one):
             value = chosen.get(action.dest)
             if value is not None and action.choices and value not in action.choices:
+                if name != "live":  # which takes every setting: `open` must show charts
+                    del chosen[action.dest]
+                    continue
                 raise UsageError(
                     f"{settings_file()}: {action.dest} is {value!r}; choose "
                     f"{', '.join(map(str, action.choices))}"
@@ -105,6 +109,11 @@ def _read(path: Path) -> dict[str, Any]:
         if not isinstance(value, types) or isinstance(value, bool):
             wanted = "a quoted text" if isinstance(example, str) else "a number"
             raise UsageError(f"{path}: {key} must be {wanted}, e.g. {example!r}")
+    if "part" in known:
+        try:
+            part_named(known["part"])
+        except UsageError as error:
+            raise UsageError(f"{path}: {error}") from None
     if "folder" in known:
         known["folder"] = str(Path(known["folder"]).expanduser())
     return known

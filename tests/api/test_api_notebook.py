@@ -69,6 +69,14 @@ def test_a_curve_is_drawn_with_its_limits_and_the_untrusted_end_dotted():
     assert "mdps" in ax.get_ylabel()
 
 
+def test_a_curve_as_a_table_has_units_and_no_exponents():
+    page = deviation(np.random.default_rng(1).normal(size=20_000), 100.0)._repr_html_()
+    assert page.count("<th>tau, s</th>") == 1
+    assert "e+" not in page
+    assert "<td>yes</td>" in page
+    assert "<td>no</td>" in page
+
+
 def test_a_curve_that_is_not_trusted_at_either_end_is_dotted_there_alone():
     noise = np.random.default_rng(2).normal(size=4000)
     curve = deviation(noise, 100.0, "theobr")

@@ -160,6 +160,14 @@ def test_settings_are_the_defaults_of_a_live_run_alone(settings):
     assert top.parse_args(["analyse", "night.mcap"]).part == ""
 
 
+def test_no_view_is_a_setting_of_live_that_leaves_open_its_own(settings):
+    settings.write_text('view = "none"\n')
+    top = parser()
+    apply_settings(top)
+    assert top.parse_args(["live"]).view == top.parse_args(["replay", "x"]).view == "none"
+    assert top.parse_args(["open", "x"]).view == "auto"
+
+
 def test_the_settings_are_shown_as_a_file_that_can_be_read_again(settings, capsys):
     with pytest.raises(SystemExit):
         main(["--show-settings"])
@@ -177,6 +185,7 @@ def test_the_settings_are_shown_as_a_file_that_can_be_read_again(settings, capsy
         ("rate = true", "rate must be a number"),
         ("ratte = 3", "unknown setting 'ratte'"),
         ('view = "fog"', "view is 'fog'; choose auto, window, web, none"),
+        ('part = "LSM9"', "settings.toml: unknown part 'LSM9'"),
         ("part = ", "cannot read the settings"),
     ],
 )

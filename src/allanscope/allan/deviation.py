@@ -181,7 +181,8 @@ class Deviation:
     def _repr_html_(self) -> str:
         columns = self._columns()
         rows = list(zip(*columns.values(), strict=True))
-        head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+        names = ("tau, s" if name == "tau" else name for name in columns)
+        head = "".join(f"<th>{name}</th>" for name in names)
         body = "".join(
             f"<tr>{''.join(f'<td>{_cell(value)}</td>' for value in row)}</tr>"
             for row in rows[:_MOST_ROWS]
@@ -236,4 +237,8 @@ def _draw(ax: Axes, curve: Deviation, factor: float, label: str, color: str | No
 
 
 def _cell(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else escape(str(value))
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return escape(str(value))

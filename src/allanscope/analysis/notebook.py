@@ -105,7 +105,7 @@ def overlay(analysis: Analysis, kind: str, axes: Sequence[str] | None) -> Figure
     units = [unit for unit in SENSOR_NAMES if any(one.unit == unit for one in chosen.values())]
     if not units:
         kinds = dict.fromkeys(k for axis in analysis.axes.values() for k in axis.curves)
-        there = f"{' '.join(analysis.axes)}; {' '.join(kinds)}"
+        there = f"axes {' '.join(analysis.axes)}, estimators {' '.join(kinds)}"
         raise ValueError(f"no curve {kind!r} of these axes; there are {there}")
     figure, charts = pyplot.subplots(
         1, len(units), figsize=(6.0 * len(units), 4.2), squeeze=False, layout="constrained"

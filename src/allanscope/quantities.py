@@ -41,6 +41,7 @@ __all__ = [
     "between",
     "compact",
     "count",
+    "counted",
     "duration",
     "interval",
     "limit",
@@ -411,6 +412,15 @@ def count(number_of: int) -> str:
     '143 856 000'
     """
     return f"{number_of:,}".replace(",", " ")
+
+
+def counted(number_of: int, thing: str) -> str:
+    """Return how many there are of a thing, in the singular or in the plural.
+
+    >>> counted(1, "unit"), counted(1200, "recording")
+    ('1 unit', '1 200 recordings')
+    """
+    return f"{count(number_of)} {thing}{'s' * (number_of != 1)}"
 
 
 def size(number_of_bytes: float) -> str:

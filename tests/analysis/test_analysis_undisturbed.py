@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from allanscope.analysis import Undisturbed
 from allanscope.analysis.findings import event_times
@@ -15,7 +17,9 @@ from allanscope.explain import Parameter, explain
 from allanscope.history import Record
 from allanscope.report import render
 from allanscope.view import summary_lines
+from allanscope.view.change_log import Trends
 from allanscope.view.tables import coefficients_table
+from allanscope.view.terminal_screen import Screen
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import demo_analysis
 
@@ -91,6 +95,11 @@ def test_terminal_tables_report_and_json_show_it_beside_the_whole() -> None:
     lines = summary_lines(analysis)
     assert sum(line.startswith("undisturbed ") for line in lines) == 6
     assert any(line.startswith("Undisturbed: 10 min to 1 h") for line in lines)
+    narrow = Console(file=io.StringIO(), width=80, height=60)
+    narrow.print(Screen(analysis, Trends(), is_final=True))
+    rows = [row for row in narrow.file.getvalue().splitlines() if row.startswith("undisturbed ")]
+    assert len(rows) == 6
+    assert all("±" in row and "[" not in row for row in rows), "errors, as of the whole run"
     assert "gx, 10 min to 1 h" in coefficients_table(analysis)
     page = render(analysis)
     assert page.count('<tr class="quiet"><td>undisturbed</td>') == 6

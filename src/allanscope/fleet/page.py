@@ -49,6 +49,7 @@ from allanscope.quantities import (
     SENSOR_NAMES,
     Reading,
     compact,
+    counted,
     duration,
     interval,
     number,
@@ -120,7 +121,7 @@ def render_lot(
     listed = done(_units(lot, units.tolist(), [*rejected, *named]))
     limit_lines = _limit_lines(acceptance, compared, other_name)
     page = template("lot.html.j2").render(
-        title=f"Lot of {len(units)} units",
+        title=f"Lot of {counted(len(units), 'unit')}",
         subtitle=_subtitle(lot),
         verdict=lot_verdict(lot, named, shared, failures, limit_lines),
         sensors=sensors,
@@ -205,7 +206,8 @@ def _subtitle(lot: Lot) -> str:
     parts = sorted({str(part) for part in lot["part"] if part}) or ["a sensor"]
     _, first = np.unique(lot["recording"].astype(np.str_), return_index=True)
     total_s = float(np.sum(lot["duration_s"][first]))
-    return f"{len(first)} recordings of {', '.join(parts)}, {duration(total_s)} in all"
+    recordings = counted(len(first), "recording")
+    return f"{recordings} of {', '.join(parts)}, {duration(total_s)} in all"
 
 
 def _repeated(lot: Lot) -> int:

@@ -227,7 +227,7 @@ def _scale(ax: Axes) -> None:
     """Set a logarithmic scale whose numbers can be read."""
     if not ax.has_data():
         ax.set_yticks([])
-        ax.text(0.5, 0.5, "not seen", ha="center", transform=ax.transAxes)
+        ax.text(0.5, 0.5, "not detected", ha="center", transform=ax.transAxes)
         return
     ax.set_yscale("log")
     low, high = ax.get_ylim()

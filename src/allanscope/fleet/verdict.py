@@ -25,7 +25,7 @@ from allanscope.fleet.repeats import (
     unit_means,
 )
 from allanscope.labels import kind_name
-from allanscope.quantities import LEVEL, MAIN_LETTERS, TWO_SIDED_95, number, symbols
+from allanscope.quantities import LEVEL, MAIN_LETTERS, TWO_SIDED_95, counted, number, symbols
 
 __all__ = [
     "AverageLimits",
@@ -298,8 +298,11 @@ def lot_verdict(
     units = len(np.unique(lot.units))
     runs = len(set(lot["recording"].tolist()))
     bad = sorted({one.unit for one in named})
-    title = f"{len(bad)} of {units} units stand out" if bad else f"No unit of {units} stands out"
-    size = f"{units} units, {runs} recordings, {len(lot.axes)} axes"
+    title = "No unit stands out"
+    if bad:
+        title = f"{len(bad)} of {counted(units, 'unit')} stand{'s' * (len(bad) == 1)} out"
+    axes = "1 axis" if len(lot.axes) == 1 else f"{len(lot.axes)} axes"
+    size = f"{counted(units, 'unit')}, {counted(runs, 'recording')}, {axes}"
     lines = [
         VerdictLine("bad", title, f"{_some(bad)}; {size}")
         if bad

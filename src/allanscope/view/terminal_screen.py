@@ -338,7 +338,7 @@ class Screen:
                 table.add_row(*self._row(name, axis, wide))
                 quiet = self._analysis.undisturbed
                 if quiet is not None and name in quiet.axes:
-                    table.add_row(*self._undisturbed_row(axis.unit, quiet.axes[name]))
+                    table.add_row(*_undisturbed_row(axis.unit, quiet.axes[name], wide))
         return table
 
     def _power_laws(self, wide: bool) -> Table:
@@ -371,11 +371,6 @@ class Screen:
             cells += [Text(best_text(axis)), Text(density_verdict(axis)), Text(_residual(axis))]
         return cells
 
-    def _undisturbed_row(self, unit: str, known: Mapping[str, Coefficient]) -> list[Text]:
-        """Return the coefficients of the longest undisturbed stretch, below those of the whole."""
-        cells = [coefficient_text(unit, letter, known.get(letter)) for letter in MAIN_LETTERS]
-        return [Text(cell, style="dim") for cell in ("undisturbed", *cells)]
-
     def _coefficient(self, name: str, axis: AxisAnalysis, letter: str, wide: bool) -> Text:
         known = axis.coefficients.get(letter)
         cell = _cell(axis.unit, letter, known, wide)
@@ -390,6 +385,12 @@ def _grid(columns: int) -> Table:
     for _ in range(columns + 1):
         table.add_column(no_wrap=True, overflow="ellipsis")
     return table
+
+
+def _undisturbed_row(unit: str, known: Mapping[str, Coefficient], wide: bool) -> list[Text]:
+    """Return the coefficients of the longest undisturbed stretch, below those of the whole."""
+    cells = (_cell(unit, letter, known.get(letter), wide) for letter in MAIN_LETTERS)
+    return [Text(cell.plain, style="dim") for cell in (Text("undisturbed"), *cells)]
 
 
 def _cell(unit: str, letter: str, known: Coefficient | None, wide: bool) -> Text:

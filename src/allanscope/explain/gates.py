@@ -62,7 +62,7 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
     held = verdict.effect.hold_out(view, verdict)
     recurring = _RECURRING * (verdict.gain - _SMALL) if verdict.effect.is_process else 0.0
     if held is not None and held.nats <= max(held.error, recurring):
-        return None, f"held out: {held.nats:.1f} nats on held-out data"
+        return None, f"held out: log-likelihood gain {held.nats:.1f} on held-out data"
     if held is not None and _is_refuted(verdict, held):
         return None, "held out: quarters of the record disagree"
     return replace(verdict, held_out=held), "accepted"

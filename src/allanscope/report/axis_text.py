@@ -259,6 +259,17 @@ def effect_words(effect: Effect) -> EffectText:
     return EffectText(kind, parameters, equivalent, _evidence(effect))
 
 
+def _gain(nats: float) -> str:
+    """Return a log-likelihood gain with one decimal, a large one in three digits.
+
+    >>> _gain(251.04), _gain(1400534839.0), _gain(math.inf)
+    ('251.0', '1.4e9', 'exact')
+    """
+    if not math.isfinite(nats):
+        return "exact"
+    return f"{nats:.1f}" if abs(nats) < 1e4 else number(nats)
+
+
 def search_rows(loop: AxisExplanation) -> list[SearchRow]:
     """Return the path of the search: what was tried, what it gained, and which gate stopped it."""
     return [
@@ -266,7 +277,7 @@ def search_rows(loop: AxisExplanation) -> list[SearchRow]:
             step.move,
             kind_name(step.kind),
             step.description,
-            f"{step.gain:.1f}" if math.isfinite(step.gain) else "exact",
+            _gain(step.gain),
             f"{step.penalty:.1f}",
             step.outcome,
         )

@@ -47,9 +47,11 @@ class ClockError(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
+        ppm = 1e6 * abs(self.relative.value)
+        side = "above" if self.relative.value > 0 else "below"
         return (
-            f"the true rate is {self.measured_hz:.6g} Hz, {1e6 * self.relative.value:+.0f} ppm off "
-            f"the nominal {self.nominal_hz:.6g} Hz; all times and frequencies are by the true one"
+            f"the true rate is {self.measured_hz:.6g} Hz, {ppm:.0f} ppm {side} the nominal "
+            f"{self.nominal_hz:.6g} Hz; all times and frequencies use the true rate"
         )
 
     @property

@@ -223,8 +223,8 @@ def run_replay(
             imported = Path(temporary) / f"{path.resolve().name}.mcap"
             import_capture(path, imported, device, settings.quiet)
             return run_replay(imported, speed, device, settings, done)
-    unheard = not settings.on_event and settings.events_to is None
-    if math.isinf(speed) and settings.view == "none" and settings.out is None and unheard:
+    no_hook = not settings.on_event and settings.events_to is None
+    if math.isinf(speed) and settings.view == "none" and settings.out is None and no_hook:
         final = _replay_without_view(path, device, settings)
         done(final)
         return final

@@ -85,11 +85,11 @@ class TerminalView:
         self._clock = clock
         self._whole_s = whole_s
         self._began = clock()
-        self._said_status = -_STATUS_EVERY_S
-        self._said_s = 0.0
+        self._status_s = -_STATUS_EVERY_S
+        self._logged_s = 0.0
         self._changes, self._trends, self._gaps = ChangeLog(), Trends(), GapThrottle()
         self._latest: Analysis | None = None
-        self._heard, self._before = 0, 0
+        self._received, self._before = 0, 0
         self._drawn_at = self._began
         self._marks = 0
         self._on_mark, self._on_quit = on_mark, on_quit
@@ -117,7 +117,7 @@ class TerminalView:
 
     def samples(self, info: StreamInfo, block: Block) -> None:
         """Count samples: results may be far apart, and it must be seen that the run goes on."""
-        self._heard += len(block)
+        self._received += len(block)
         if self._live is None or self._latest is None or self._whole_s:
             return
         if self._clock() - self._drawn_at >= _ALIVE_EVERY_S:
@@ -147,11 +147,11 @@ class TerminalView:
             if self._mode == "plain" or level != "info":
                 self.line(text, level)
         # What a session held before it was cut off is in the result, and was not shown.
-        self._before = max(self._before, analysis.samples - self._heard)
+        self._before = max(self._before, analysis.samples - self._received)
         if self._live is not None:
             self._draw(analysis)
-        elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
-            self._said_status = self._clock()
+        elif self._mode == "plain" and self._clock() - self._status_s >= _STATUS_EVERY_S:
+            self._status_s = self._clock()
             self._write(
                 f"{self._time(analysis.duration_s)}{status_line(analysis)}{self._left(analysis)}"
             )
@@ -197,8 +197,8 @@ class TerminalView:
 
         Before the first result it is the time that passes, and then the one that is recorded.
         """
-        self._said_s = max(self._said_s, now_s)
-        text = f"{self._said_s:.1f} s" if self._said_s < _TENTHS_S else duration(self._said_s)
+        self._logged_s = max(self._logged_s, now_s)
+        text = f"{self._logged_s:.1f} s" if self._logged_s < _TENTHS_S else duration(self._logged_s)
         return f"{text:>11}  "
 
     def _elapsed_s(self) -> float:
@@ -209,7 +209,7 @@ class TerminalView:
 
     def _recorded(self, analysis: Analysis) -> tuple[float, int]:
         """Return time and samples of all that has come, since the result too."""
-        samples = max(self._before + self._heard, analysis.samples)
+        samples = max(self._before + self._received, analysis.samples)
         rate_hz = analysis.rate.best_hz
         newer_s = (samples - analysis.samples) / rate_hz if rate_hz else 0.0
         return analysis.duration_s + newer_s, samples

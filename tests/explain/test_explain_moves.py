@@ -18,7 +18,7 @@ from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
-from allanscope.explain.gates import growth, judge, owed, penalty_passed
+from allanscope.explain.gates import growth, judge, penalties, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, refuse
@@ -217,8 +217,8 @@ def test_a_search_ends_where_its_bounds_are_and_says_so() -> None:
 def test_what_is_owed_is_the_penalty_of_all_that_was_added() -> None:
     view = view_of(noise(13) + line(7.0, 0.4))
     candidate = best_of(view, "sinusoid")
-    assert owed(view.accept(candidate), 0) == pytest.approx(candidate.penalty)
-    assert owed(view.accept(candidate), 1) == pytest.approx(np.log(2))
+    assert penalties(view.accept(candidate), 0) == pytest.approx(candidate.penalty)
+    assert penalties(view.accept(candidate), 1) == pytest.approx(np.log(2))
 
 
 @pytest.mark.parametrize(("back", "kinds"), [(-0.8, ["excursion"]), (-0.4, ["step", "step"])])

@@ -90,7 +90,7 @@ def test_a_disk_without_room_gets_no_file_of_charts(disk: Callable[[int], Path])
     assert list(folder.iterdir()) == []
     assert said == [view.failure]
     assert "MB are reserved for the recording" in view.failure
-    assert view.promise("abc", None) == ""
+    assert view.size_notice("abc", None) == ""
 
 
 def test_a_write_that_fails_ends_the_file_and_not_the_program(disk: Callable[[int], Path]) -> None:
@@ -136,11 +136,11 @@ def test_the_file_ends_at_its_largest_size_without_a_fault(
 
 def test_the_line_at_the_start_says_how_large_the_file_becomes(tmp_path: Path) -> None:
     view = RerunView(tmp_path, "none")
-    line = view.promise("abcdef", 12 * 3600.0)
+    line = view.size_notice("abcdef", 12 * 3600.0)
     assert line.startswith("session.rrd: about 160 MB in 12 h")
     assert ", at most " in line
-    assert "about 60 MB in 10 min" in view.promise("abcdef", 600.0)
-    assert RerunView(None, "none").promise("abcdef", None) == ""
+    assert "about 60 MB in 10 min" in view.size_notice("abcdef", 600.0)
+    assert RerunView(None, "none").size_notice("abcdef", None) == ""
 
 
 def rows_of(start_s: float, seconds: float) -> Rows:

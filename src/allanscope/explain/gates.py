@@ -28,7 +28,7 @@ __all__ = [
     "is_measured",
     "judge",
     "judge_members",
-    "owed",
+    "penalties",
     "penalty_passed",
     "refused",
 ]
@@ -97,7 +97,7 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
     return replace(view, accepted=tuple(judged))
 
 
-def owed(view: View, first: int) -> float:
+def penalties(view: View, first: int) -> float:
     """Return the penalty of everything accepted after the first so many effects."""
     return float(sum(c.penalty for c in view.accepted[first:]) + first * np.log(2))
 

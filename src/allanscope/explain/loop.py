@@ -28,7 +28,7 @@ from allanscope.explain.known_effects import KnownEffects, known_of, signals_of
 from allanscope.explain.moves.drop import refuse
 from allanscope.explain.residual import deviation_of, error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
-from allanscope.explain.series import Series, hindrances, observations, series_of
+from allanscope.explain.series import Series, observations, series_of, why_not_searched
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
@@ -150,12 +150,12 @@ def explain(
     record = bridge_gaps(record)
     series = series_of(record)
     clock = _clock(nominal_hz, rate_fit)
-    stopped = {axis: hindrances(series, axis) for axis in series.axes}
+    stopped = {axis: why_not_searched(series, axis) for axis in series.axes}
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
         # Shared by all axes, so computed before; an axis that fails on it will say so.
         with set_workers(1 + len(workers)), suppress(Exception):
-            _ = series.thermal, series.equal, series.loud, series.shaken
+            _ = series.thermal, series.equal, series.loud, series.shocks
     job = _Job(record, series, densities or {}, clock, budget)
     failures: dict[str, Exception] = {}
     with _Places(job, workers) as places:

@@ -103,7 +103,7 @@ def band_scores(view: View) -> Bands:
     """Compare the spectrum with the model band by band."""
     grid = view.grid
     u = view.squares / view.spectrum.ordinates
-    kept = view.spectrum.lit
+    kept = view.spectrum.outside_zeros
     first = min(8, grid.n // 8 + 1)
     edges = np.unique(np.round(np.geomspace(first, grid.n - 1, _BANDS)).astype(int))
     edges = np.concatenate([[0], edges[:-1]])

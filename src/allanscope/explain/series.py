@@ -31,10 +31,10 @@ __all__ = [
     "SHORTEST_ROWS",
     "SHORTEST_S",
     "Series",
-    "hindrances",
     "multiple_of",
     "observations",
     "series_of",
+    "why_not_searched",
 ]
 
 Array = NDArray[np.float64]
@@ -167,7 +167,7 @@ class Series:
         return ordinates * np.repeat(share, grid.count.astype(int)) * (grid.frequency < fastest)
 
     @once
-    def felt(self) -> dict[tuple[float, bool], Array]:
+    def temperature_ordinates(self) -> dict[tuple[float, bool], Array]:
         """Ordinates of the temperature behind a lag, and of its square: what `Temperature` kept."""
         return {}
 
@@ -183,7 +183,7 @@ class Series:
         return equal[~(self.bridged[1:] | self.bridged[:-1])]
 
     @once
-    def shaken(self) -> tuple[ShockRows, ...]:
+    def shocks(self) -> tuple[ShockRows, ...]:
         """Shocks, on whichever axis."""
         rows = {axis: np.ascontiguousarray(self.values[:, k]) for k, axis in enumerate(self.axes)}
         steps = dict(zip(self.axes, self.lsb, strict=True))
@@ -348,7 +348,7 @@ def _temperature(
     return np.asarray(np.interp(np.arange(size), row[known], measured[known]))
 
 
-def hindrances(series: Series, axis: str) -> tuple[str, ...]:
+def why_not_searched(series: Series, axis: str) -> tuple[str, ...]:
     """Return why an axis cannot be searched; empty when it can."""
     samples = series.values[:, series.column(axis)]
     n = len(samples)

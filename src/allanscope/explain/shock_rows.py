@@ -20,7 +20,7 @@ from scipy.fft import get_workers
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.explain.burst_rows import Burst, find_bursts
-from allanscope.explain.loudness_border import rows_of_border
+from allanscope.explain.noise_level_border import rows_of_border
 from allanscope.quantities import MAD_TO_SIGMA
 
 __all__ = ["ShockRows", "find_shock_rows"]

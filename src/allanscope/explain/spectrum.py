@@ -135,7 +135,7 @@ class Spectrum:
         return self.grid.kept(self.excluded)
 
     @once
-    def lit(self) -> NDArray[np.bool_]:
+    def outside_zeros(self) -> NDArray[np.bool_]:
         """Those of them that are not at a zero of a filter, where what leaks in is all there is."""
         lit = self.kept
         for one in self.model.filters:

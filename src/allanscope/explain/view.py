@@ -189,7 +189,7 @@ class View:
         What was cut out of the fit is left out here too: a modulated tone is no burst. So are the
         zeros of a filter.
         """
-        kept = self.spectrum.lit
+        kept = self.spectrum.outside_zeros
         white = self.ordinates / np.sqrt(self.spectrum.ordinates * max(kept.mean(), 1e-9))
         white = np.concatenate([[0.0], white * kept])
         return np.asarray(idct(white, norm="ortho"))

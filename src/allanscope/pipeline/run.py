@@ -504,9 +504,9 @@ def _open(
 ) -> None:
     """Open the charts, and say how large their file becomes beside a recording."""
     viewer.start()
-    promise = viewer.promise(AXES, duration_s)
-    if recorder is not None and promise:
-        terminal.line(promise)
+    notice = viewer.size_notice(AXES, duration_s)
+    if recorder is not None and notice:
+        terminal.line(notice)
 
 
 def earlier_events(

@@ -174,7 +174,7 @@ class RerunView:
         if serve:
             self.viewer = ViewerSupervisor(self.address, self._mode, self._say, self._port)
 
-    def promise(self, axes: Sequence[str], duration_s: float | None) -> str:
+    def size_notice(self, axes: Sequence[str], duration_s: float | None) -> str:
         """Return a line that says how large the file becomes; empty where none is kept.
 
         Parameters

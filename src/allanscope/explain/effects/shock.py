@@ -24,7 +24,7 @@ from scipy.special import ndtr
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.loudness_border import instant_of
+from allanscope.explain.noise_level_border import instant_of
 from allanscope.explain.shock_rows import ShockRows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
@@ -89,7 +89,7 @@ class Shock(EffectKind):
         known = [_extent(c.effect, view) for c in view.accepted if isinstance(c.effect, Shock)]
         return [
             _candidate(view, shaken)
-            for shaken in view.series.shaken
+            for shaken in view.series.shocks
             if view.axis in shaken.axes
             and not any(first < shaken.stop and shaken.first < stop for first, stop in known)
         ]

@@ -212,7 +212,7 @@ class Temperature(EffectKind):
         ordinates = view.series.thermal_ordinates
         assert ordinates is not None
         lag = 0.0 if self.lag is None else self.lag.value
-        bent, known = self.curvature is not None, view.series.felt
+        bent, known = self.curvature is not None, view.series.temperature_ordinates
         found = known.get((lag, bent))
         if found is None:
             found = _terms(view, ordinates, lag, bent)

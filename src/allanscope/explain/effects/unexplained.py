@@ -20,7 +20,7 @@ from scipy.special import eval_legendre
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.loudness_period import loudness_period
+from allanscope.explain.noise_level_period import noise_level_period
 from allanscope.explain.presence import presence_of
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
@@ -541,7 +541,7 @@ def _tails(view: View) -> list[Candidate]:
     words = f"{tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
     gain = (kurtosis / error) ** 2 / 2
     figures = {"excess_kurtosis": kurtosis}
-    period_s = loudness_period(view.innovations, view.grid.rate_hz) if kurtosis > 0 else None
+    period_s = noise_level_period(view.innovations, view.grid.rate_hz) if kurtosis > 0 else None
     if period_s is not None:
         words += f": the noise is louder every {period_s:.4g} s"
         figures["period_s"] = period_s

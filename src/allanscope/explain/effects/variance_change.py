@@ -7,7 +7,7 @@ interval on a ladder of lengths is tested against the rest,
 .. math:: G = \tfrac12 [n \ln \bar s - n_1 \ln s_1 - n_2 \ln s_2].
 
 Tails heavier than a Gaussian's raise the scatter of the squares, and the gain is divided by that.
-The borders of the most telling interval are then placed to the row (`loudness_border`).
+The borders of the most telling interval are then placed to the row (`noise_level_border`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.special import chdtrc
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.loudness_border import instant_of, rows_of_border
+from allanscope.explain.noise_level_border import instant_of, rows_of_border
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]

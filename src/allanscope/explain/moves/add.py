@@ -19,7 +19,7 @@ from dataclasses import replace
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS, EffectKind
 from allanscope.explain.effects.unexplained import united
-from allanscope.explain.gates import judge, judge_members, owed, penalty_passed, refused
+from allanscope.explain.gates import judge, judge_members, penalties, penalty_passed, refused
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.regression import refit_jointly
@@ -127,7 +127,7 @@ def add_pair(
         return None
     trial = refit_jointly(trial)
     members = tuple(c for c in trial.accepted if c.kind in pair)
-    excess = trial.spectrum.loglik - view.spectrum.loglik - path.spent - owed(trial, first)
+    excess = trial.spectrum.loglik - view.spectrum.loglik - path.spent - penalties(trial, first)
     others = max((c.excess for c in candidates if c.kind not in pair), default=0.0)
     if excess <= max(0.0, others - path.spent) or any(c.excess <= path.spent for c in members):
         return None
@@ -187,14 +187,14 @@ def add_bundle(
             return None
         trial = trial.accept(max(promising, key=lambda c: c.excess))
         gain = trial.spectrum.loglik - view.spectrum.loglik
-        missing = path.spent + owed(trial, first) - gain
+        missing = path.spent + penalties(trial, first) - gain
         if missing > _HOPELESS:
             return None
         if len(trial.accepted) - first > 1 and missing < _NEARLY:
             trial = refit_jointly(refit(trial, path))
             gain = trial.spectrum.loglik - view.spectrum.loglik
             members = trial.accepted[first:]
-            if gain > path.spent + owed(trial, first) and all(c.excess > 0 for c in members):
+            if gain > path.spent + penalties(trial, first) and all(c.excess > 0 for c in members):
                 path.accept("add bundle", *members)
                 return judge_members(trial, members)
     return None

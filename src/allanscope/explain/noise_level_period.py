@@ -16,7 +16,7 @@ from scipy.fft import next_fast_len, rfft
 from allanscope.explain.candidate import ALPHA
 from allanscope.explain.running_level import running_level
 
-__all__ = ["loudness_period"]
+__all__ = ["noise_level_period"]
 
 _LOUDEST = 16.0
 """Square of an innovation, over the mean, from which it counts no more."""
@@ -29,7 +29,7 @@ _OF_THE_COMB = 0.3
 lasts a tenth of the period or less has harmonics of nearly the same strength."""
 
 
-def loudness_period(innovations: NDArray[np.float64], rate_hz: float) -> float | None:
+def noise_level_period(innovations: NDArray[np.float64], rate_hz: float) -> float | None:
     """Return the period in s with which the noise is louder, None where there is none.
 
     Parameters
@@ -42,10 +42,10 @@ def loudness_period(innovations: NDArray[np.float64], rate_hz: float) -> float |
     Examples
     --------
     >>> noise = np.random.default_rng(1).standard_normal(60_000)
-    >>> loudness_period(noise, 100.0) is None
+    >>> noise_level_period(noise, 100.0) is None
     True
     >>> bursts = np.arange(60_000) % 123 < 5
-    >>> round(loudness_period(noise * np.where(bursts, 3.0, 1.0), 100.0), 3)
+    >>> round(noise_level_period(noise * np.where(bursts, 3.0, 1.0), 100.0), 3)
     1.23
     """
     squares = np.minimum(innovations**2, _LOUDEST * float(np.mean(innovations**2)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain
-from allanscope.explain.loudness_period import loudness_period
+from allanscope.explain.noise_level_period import noise_level_period
 from allanscope.history import Record
 
 RATE, N = 208.0, 62_400
@@ -17,17 +17,17 @@ def noise_with(bursts: np.ndarray, seed: int = 4) -> np.ndarray:
 @pytest.mark.parametrize(("period", "lasts"), [(1.0007, 0.03), (0.25, 0.02), (9.7, 0.5)])
 def test_the_period_of_bursts_is_that_of_the_first_line(period, lasts):
     bursts = np.arange(N) / RATE % period < lasts
-    assert loudness_period(noise_with(bursts), RATE) == pytest.approx(period, rel=1e-3)
+    assert noise_level_period(noise_with(bursts), RATE) == pytest.approx(period, rel=1e-3)
 
 
 def test_bursts_at_random_one_loud_stretch_and_heavy_tails_have_no_period():
     rng = np.random.default_rng(5)
     at_random = np.convolve(rng.random(N) < 1 / 208, np.ones(6), "same") > 0
     once = np.arange(N) // 10_000 == 3
-    assert loudness_period(noise_with(at_random), RATE) is None
-    assert loudness_period(noise_with(once), RATE) is None
-    assert loudness_period(rng.standard_t(4, N), RATE) is None
-    assert loudness_period(np.zeros(100), RATE) is None
+    assert noise_level_period(noise_with(at_random), RATE) is None
+    assert noise_level_period(noise_with(once), RATE) is None
+    assert noise_level_period(rng.standard_t(4, N), RATE) is None
+    assert noise_level_period(np.zeros(100), RATE) is None
 
 
 def test_heavy_tails_that_come_regularly_are_said_to():

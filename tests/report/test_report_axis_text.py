@@ -101,6 +101,12 @@ def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):
     assert axis_text.zero_g(analysis) is None, "one axis cannot tell"
 
 
+def test_an_error_of_the_clock_is_not_seen_once():
+    relative = Parameter(-0.0143, -0.0144, -0.0142)
+    clock = Effect("clock_error", {"relative": relative}, evidence={"replicated": "not replicated"})
+    assert "once" not in axis_text.effect_words(clock).words
+
+
 @pytest.mark.parametrize(
     ("replicated", "said"),
     [

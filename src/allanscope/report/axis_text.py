@@ -296,7 +296,8 @@ def _evidence(effect: Effect) -> str:
     if effect.given_detection is not None:
         corrected = parameter_text(effect.given_detection)
         parts.append(f"near the detection limit; size corrected for selection bias: {corrected}")
-    match known.get("replicated"):
+    # What the whole stream shows, as the clock's rate, is there all the time.
+    match None if effect.traits.of_the_stream else known.get("replicated"):
         case True:
             parts.append("seen in independent parts of the recording")
         case False:

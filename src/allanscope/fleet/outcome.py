@@ -11,7 +11,7 @@ from importlib.metadata import version
 from typing import Any
 
 from allanscope.pipeline import DeviceSettings
-from allanscope.quantities import count, number
+from allanscope.quantities import counted, number
 
 __all__ = ["Loss", "Outcome", "compressed_result", "loss_of", "result_key", "result_of_bytes"]
 
@@ -127,7 +127,7 @@ class Loss:
         parts = []
         if self.lost:
             percent = number(100.0 * self.share, 2)
-            parts.append(f"{count(self.lost)} samples lost ({percent} %)")
+            parts.append(f"{counted(self.lost, 'sample')} lost ({percent} %)")
         if self.unknown:
             parts.append(f"{self.unknown} gap{'s' * (self.unknown > 1)} of unknown length")
         if self.damaged:

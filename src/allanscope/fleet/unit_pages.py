@@ -25,6 +25,7 @@ from allanscope.quantities import (
     LEVEL,
     MAIN_LETTERS,
     SENSOR_NAMES,
+    counted,
     duration,
     number,
     symbols,
@@ -117,7 +118,8 @@ def _subtitle(here: Lot) -> str:
     parts = sorted({str(part) for part in here["part"] if part})
     _, first = np.unique(here["recording"].astype(np.str_), return_index=True)
     total = duration(float(np.sum(here["duration_s"][first])))
-    return f"{', '.join(parts) or 'a sensor'}, {len(first)} recordings, {total} in all"
+    recordings = counted(len(first), "recording")
+    return f"{', '.join(parts) or 'a sensor'}, {recordings}, {total} in all"
 
 
 def _verdict(unit: str, mine: Sequence[Finding]) -> Verdict:

@@ -273,7 +273,8 @@ def _export_coefficients(
     write_text(out, text)
     if not quiet and out.is_file():
         many = len(stored.coefficients)
-        print(f"Saved: {out}: {CONTENTS[layout]}; {many} axes, from {origin}")
+        axes = "1 axis" if many == 1 else f"{many} axes"
+        print(f"Saved: {out}: {CONTENTS[layout]}; {axes}, from {origin}")
 
 
 def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
-from allanscope.quantities import count
+from allanscope.quantities import counted
 from allanscope.samples import Block, Event, Gap, StreamInfo, unit_of
 
 __all__ = ["ExportReport", "Table", "Unit", "export_csv", "export_parquet", "tables"]
@@ -50,8 +50,9 @@ class ExportReport:
 
     def __str__(self) -> str:
         """Return one line for the user."""
-        gaps = f", {self.gaps} gaps ({self.unknown_gaps} of unknown length)" if self.gaps else ""
-        return f"Saved: {self.out}: {count(self.rows)} samples{gaps}"
+        unknown = f" ({self.unknown_gaps} of unknown length)" if self.unknown_gaps else ""
+        gaps = f", {counted(self.gaps, 'gap')}{unknown}" if self.gaps else ""
+        return f"Saved: {self.out}: {counted(self.rows, 'sample')}{gaps}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from allanscope.analysis import (
     effect_brief,
     effect_text,
 )
-from allanscope.quantities import MAIN_LETTERS, count
+from allanscope.quantities import MAIN_LETTERS, counted
 from allanscope.samples import Gap
 
 __all__ = ["ChangeLog", "Direction", "Entry", "GapThrottle", "Level", "Trends"]
@@ -177,7 +177,7 @@ class GapThrottle:
         if self._last_s is not None and now_s - self._last_s < _APART_S:
             self._untold += 1
             return None
-        lost = "length unknown" if gap.lost is None else f"{count(gap.lost)} samples lost"
+        lost = "length unknown" if gap.lost is None else f"{counted(gap.lost, 'sample')} lost"
         more = f"; {self._untold} more since the last" if self._untold else ""
         self._last_s, self._untold = now_s, 0
         return f"gap ({gap.reason}): {lost}{more}"

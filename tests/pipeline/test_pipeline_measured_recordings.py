@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from allanscope.explain.series import hindrances, series_of
+from allanscope.explain.series import series_of, why_not_searched
 from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.pipeline.table_files import table_of_file
 from support.thinned import RATE, thinned
@@ -75,7 +75,7 @@ def test_a_record_with_every_eighth_row_missing_has_the_density_of_its_rows():
     assert record.filled.mean() == pytest.approx(0.13, abs=0.005)
     series = series_of(record)
     for axis, n in read.items():
-        assert hindrances(series, axis) == ()
+        assert why_not_searched(series, axis) == ()
         f, density = welch(
             series.values[:, series.column(axis)], RATE, nperseg=2048, average="median"
         )

@@ -729,6 +729,40 @@ def test_letters_that_are_no_three_axes_say_nothing(header: str) -> None:
     assert columns_of(header.split(",")) is None
 
 
+@pytest.mark.parametrize(
+    ("header", "axes"),
+    [
+        ("Time (s),X (m/s^2),Y (m/s^2),Z (m/s^2)", ACCEL),
+        ("Time (s),X (rad/s),Y (rad/s),Z (rad/s)", GYRO),
+        ("Time (s),x [g],y [g],z [g],Absolute [g]", ACCEL),
+        ("time,x [g],y [g],z [g],x [dps],y [dps],z [dps]", ACCEL + GYRO),
+        ("time,seconds_elapsed,z,y,x", GYRO[::-1]),
+    ],
+)
+def test_axes_without_a_sensor_have_that_of_their_unit(header: str, axes: tuple[str, ...]) -> None:
+    columns = columns_of(header.split(","))
+    assert columns is not None
+    assert tuple(AXES[one.axis] for one in columns if one and one.axis >= 0) == axes
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("Time (s),X (µT),Y (µT),Z (µT)", "x [g],y [g],z [dps]", "w,x,y,z", "frame,joint,x,y,z"),
+        *("x [g],y [g],z [g],x [g],y [g],z [g]", "a,b,x [g],y [g],z [g]"),
+    ],
+)
+def test_axes_in_units_of_no_sensor_say_nothing(header: str) -> None:
+    assert columns_of(header.split(",")) is None
+
+
+def test_a_unit_beside_x_y_and_z_leaves_nothing_to_assume() -> None:
+    info, *rest = _decode('"Time (s)","X (m/s^2)","Y (m/s^2)","Z (m/s^2)"\n' + "0,1,2,9\n" * 40)
+    assert isinstance(info, StreamInfo)
+    assert info.axes == ACCEL
+    assert not any("assumed to be" in remark for remark in _remarks(rest))
+
+
 def test_what_the_user_or_the_header_says_of_units_is_above_gravity() -> None:
     (said, *_) = _decode("ax[g],ay[g],az[g]\n" + "0,0.1,9.81\n" * 40)[1:]
     assert isinstance(said, Block)

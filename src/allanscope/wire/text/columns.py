@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 from allanscope.samples import AXES
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
@@ -28,7 +29,7 @@ _AXIS = re.compile(
     r"_?(?:l_|rs_s_)?([xyz])"
 )
 """The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS."""
-_TIME = re.compile(r"t|ts|time|timestamp|time_stamp|fieldheaderstamp")
+_TIME = re.compile(r"t|ts|time|timestamp|time_stamp|fieldheaderstamp|seconds_elapsed")
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _BARE_AXIS = re.compile(r"([xyz])[_.]?\d?")
 _SEPARATORS = "\t;,|"
@@ -156,32 +157,77 @@ def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
 def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
     """Return the columns of a header that names axes and no sensor, None for another one.
 
-    Such a header has x, y and z once or twice, with a digit perhaps, a time before them or not, and
-    a temperature behind. Sensors are identified by their place, as without a header.
+    Such a header has x, y and z once or twice (or z, y, x), with a digit perhaps, times before them
+    and a temperature behind. A unit says which sensor it is (phones write ``X (m/s^2)``), and then
+    one other column may stand on either side; without one the sensor is told by its place, as
+    without a header.
 
     Examples
     --------
     >>> [one.axis for one in columns_without_sensor(["time", "x1", "y1", "z1", "X2", "Y2", "Z2"])]
     [-1, 0, 1, 2, 3, 4, 5]
+    >>> [one.axis for one in columns_without_sensor(["Time (s)", "X (g)", "Y (g)", "Z (g)"])]
+    [-1, 3, 4, 5]
     >>> columns_without_sensor(["x", "y", "mz"]) is None
     True
     """
-    names = [match and match[1] for match in map(_BARE_AXIS.fullmatch, map(str.lower, cells))]
-    first = next((i for i, name in enumerate(names) if name), len(names))
-    count = sum(name is not None for name in names)
-    order = "".join(name or " " for name in names[first : first + count])
-    before, after = cells[:first], cells[first + count :]
-    around = [column_of(one) for one in (*before, *after)]
-    quantities = tuple(one.quantity if one else "" for one in around)
-    wanted = (*("time" for _ in before), *("temperature" for _ in after))
-    if order not in ("xyz", "xyzxyz") or max(len(before), len(after)) > 1 or quantities != wanted:
+    named = [_bare_axis(cell) for cell in cells]
+    first = next((i for i, name in enumerate(named) if name), len(named))
+    count = sum(name is not None for name in named)
+    both = count == len("xyzxyz")
+    letters = [name[0] if name else "" for name in named[first : first + count]]
+    triples = [letters[:3], letters[3:]] if both else [letters]
+    if any(triple not in (["x", "y", "z"], ["z", "y", "x"]) for triple in triples):
         return None
-    start = AXES.index(f"{bare[0]}x") if count == len("xyz") else 0
+    units = [name[1] for name in named[first : first + count] if name]
+    sensors = _sensors_of(units, bare)
+    before, after = cells[:first], cells[first + count :]
+    strange = int(set(units).isdisjoint(("", "lsb")))
+    beside = _may_surround(before, "time", strange) and _may_surround(after, "temperature", strange)
+    if not sensors or not beside:
+        return None
     axes = [
-        Column("gyro" if axis.startswith("g") else "accel", "", start + i)
-        for i, axis in enumerate(AXES[start : start + count])
+        Column(sensor, unit, AXES.index(sensor[0] + letter))
+        for sensor, letter, unit in zip(sensors, letters, units, strict=True)
     ]
-    return (*around[:first], *axes, *around[first:])
+    return (*map(column_of, before), *axes, *map(column_of, after))
+
+
+def _bare_axis(cell: str) -> tuple[str, str] | None:
+    """Return x, y or z and the unit of a column that names no sensor."""
+    match = _NAME.fullmatch(cell[:80])
+    axis = match and _BARE_AXIS.fullmatch(match[1].lower())
+    return (axis[1], unit_of_text(match[2] or "")) if match and axis else None
+
+
+def _sensors_of(units: Sequence[str], bare: Quantity) -> list[Quantity]:
+    """Return the sensor of each of three or six columns in these units, none for strange ones."""
+    one = [
+        next((q for q in ("gyro", "accel") if unit != "lsb" and unit in DIVISORS[q]), "")
+        for unit in units
+    ]
+    if any(unit not in ("", "lsb") and not known for unit, known in zip(units, one, strict=True)):
+        return []
+    groups = [set(one[i : i + 3]) for i in range(0, len(one), 3)]
+    if any(len(group) > 1 for group in groups):
+        return []
+    said = [group.pop() for group in groups]
+    other: Mapping[str, Quantity] = {"gyro": "accel", "accel": "gyro"}
+    if len(said) == 1:
+        sensors = [said[0] or bare]
+    else:
+        front = said[0] or other.get(said[1], "gyro")
+        sensors = [front, said[1] or other[front]]
+    if len(set(sensors)) < len(sensors):
+        return []
+    return [cast("Quantity", sensor) for sensor in sensors for _ in range(3)]
+
+
+def _may_surround(cells: Sequence[str], usual: Quantity, strange: int) -> bool:
+    """Return whether columns beside x, y and z are of one quantity, but for some strange ones."""
+    found = [column_of(cell) for cell in cells]
+    known = [column.quantity == usual for column in found if column is not None]
+    return all(known) and len(found) - len(known) <= strange
 
 
 def with_units_below(columns: Columns, cells: Sequence[str]) -> Columns | None:

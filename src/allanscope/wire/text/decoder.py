@@ -211,8 +211,10 @@ class TextDecoder:
         if self._needs_confirmation(columns):
             return []
         self._left_out = left_out
-        bare = "no sensor is named" if columns_without_sensor(cells) else ""
-        return self._start_table(columns, left_out, bare)
+        by_place = columns_without_sensor(cells) and not any(
+            column and column.axis >= 0 and column.unit not in ("", "lsb") for column in columns
+        )
+        return self._start_table(columns, left_out, "no sensor is named" if by_place else "")
 
     @property
     def _unnamed_sensor(self) -> Quantity:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain
+from allanscope.explain.effects.step import Step
 from allanscope.explain.effects.unexplained import _bands, left_over, united
-from allanscope.explain.gates import judge
+from allanscope.explain.gates import judge, refused
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 from allanscope.noise.components import Rounding
@@ -86,3 +87,17 @@ def test_an_axis_of_which_a_few_samples_leave_one_code_is_searched(bench):
     found = explain(b.record(values, lsb=1.0))
     assert not found.axes["gx"].failure
     assert "outliers" not in [effect.kind for effect in found.axes["gx"].effects]
+
+
+def test_a_step_that_the_level_does_not_have_is_refused(bench):
+    """Without the low frequencies a jolt looks like a step: its edge is all that is fitted."""
+    b = bench(503, 120.0)
+    at, size = len(b.t) // 2, 0.5
+    edge = np.zeros(len(b.t))
+    edge[at : at + 16] = size * np.exp(-np.arange(16) / 4)  # is there, and gone
+    for jump, has_place in ((edge, False), (size * (np.arange(len(b.t)) >= at), True)):
+        rows = View.of(series_of(b.record(b.noise() + jump)), "gx").without_range(0.0, 5.0)
+        (step,) = Step.propose(rows)
+        assert step.excess > 0.0
+        assert abs(step.effect.size.value / size) > 0.4
+        assert bool(refused(rows, step)) is not has_place

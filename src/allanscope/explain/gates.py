@@ -20,6 +20,7 @@ import numpy as np
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import ResidualError
 from allanscope.explain.effects import KINDS
+from allanscope.explain.regression import ordinates_of
 from allanscope.explain.view import View
 
 __all__ = [
@@ -79,8 +80,23 @@ def _superfluous(view: View, verdict: Candidate) -> str:
 
 def refused(view: View, candidate: Candidate) -> str:
     """Return why an effect that was accepted leaves a candidate no place; empty where none does."""
+    if _adds_where_nothing_is_fitted(view, candidate):
+        return "the frequencies that are left out do not have it"
     reasons = (c.effect.refuses(view, c, candidate) for c in view.accepted)
     return next(filter(None, reasons), "")
+
+
+def _adds_where_nothing_is_fitted(view: View, candidate: Candidate) -> bool:
+    """Return whether the ranges that are left out of the fit speak against a signal.
+
+    What is slow and has no name is cut out together with the level. A step is fitted then to its
+    edge alone, whatever the level does: without it the power there must be less, not more.
+    """
+    if candidate.signal is None or not (candidate.effect.is_slow and view.excluded):
+        return False
+    out = ~view.grid.kept(view.excluded)
+    signal, data = ordinates_of(candidate.signal)[out], view.ordinates[out]
+    return bool(np.sum((signal**2 - 2 * signal * data) / view.spectrum.ordinates[out]) > 0.0)
 
 
 def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:

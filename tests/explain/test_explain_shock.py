@@ -187,3 +187,40 @@ def test_a_loud_line_does_not_ring_where_the_record_begins():
     for hz in (16.6, 30.0):
         tone = 10 * np.sin(2 * np.pi * hz * np.arange(int(40 * RATE)) / RATE)
         assert not any(shocks(tone + soft(rng, 0.0)) for _ in range(10))
+
+
+@pytest.mark.parametrize(
+    ("end", "off"),
+    [
+        ("first", lambda t: -20.0 * (t < 0.16)),
+        ("first", lambda t: 30.0 * np.exp(-t / 0.1)),
+        ("last", lambda t: 20.0 * (t[::-1] < 1.0)),
+    ],
+)
+def test_an_end_of_the_record_that_is_off_the_level_is_taken_out(bench, end, off):
+    """N was up to 20 % off, beside a low-pass or correlated noise that was none."""
+    b = bench(611, 120.0)
+    found = explain(b.record(b.noise() + SIGMA * off(b.t), b.noise())).axes
+    (effect,) = found["gx"].effects
+    assert effect.kind == "shock"
+    assert effect.evidence["end"] == end
+    assert f"the {end} " in effect.evidence["words"]
+    assert found["gx"].coefficients_after["N"].value == pytest.approx(4e-3, rel=0.05)
+    assert not found["gy"].effects
+
+
+@pytest.mark.parametrize("tau_s", [5.0, 60.0])
+def test_a_warm_up_is_no_end_that_is_off(bench, tau_s):
+    b = bench(612, 600.0)
+    rows = b.noise() + 100 * SIGMA * np.exp(-b.t / tau_s)
+    assert not find_shock_rows({"gx": rows}, 52.0, {"gx": 1e-3})
+
+
+def test_a_slow_wave_and_a_random_walk_are_off_no_end(bench):
+    b = bench(613, 150.0)
+    for _ in range(20):
+        period, phase = b.rng.uniform(15, 200), b.rng.uniform(0, 7)
+        wave = b.noise() + 100 * SIGMA * np.sin(2 * np.pi * b.t / period + phase)
+        walk = np.cumsum(b.rng.normal(0, SIGMA, len(b.t)))
+        for rows in (wave, walk):
+            assert not find_shock_rows({"gx": rows}, 52.0, {"gx": 1e-4})

@@ -6,6 +6,9 @@ single axis, and a shock where a second axis does so at the same time. A knock m
 board: at a time that is known the other axes need not be as loud to be moved by it.
 
 What rings more softly is found by all its rows together (`burst_rows`), away from what is loud.
+
+A record may begin before its sensor has settled, and end when somebody reaches for the board. Rows
+at either end that are away from the level need not swing, as they have one side only (`_at_ends`).
 """
 
 from __future__ import annotations
@@ -54,6 +57,11 @@ _FINEST = 0.8
 """Deviation of rows in steps of the values, from which they tell what rings softly."""
 _SHORT_S = 2.0
 """What begins to ring again and again for longer is no shock."""
+_OF_ITS_ROWS, _OF_THE_REST = 0.5, 1.5
+"""Share of the rows at an end of the record that are loud, and how much farther from the level they
+are than as many rows elsewhere."""
+_PLACES, _MOST_ELSEWHERE = 400, 0.98
+"""Where such rows are compared, and the quantile of their distances that is exceeded."""
 _AROUND = 2 * _MEANS[-1]
 """Rows on each side of the first loud one among which a shock begins."""
 
@@ -74,6 +82,8 @@ class ShockRows:
         Log of the number of places that were looked at.
     rings : mapping
         Axis to how it rings, where no row is loud; empty for a loud shock.
+    is_off : bool
+        Whether it is the beginning or the end of the record, off the level.
     """
 
     first: int
@@ -82,6 +92,7 @@ class ShockRows:
     onset: tuple[float, float, float]
     log_alternatives: float
     rings: Mapping[str, Burst] = field(default_factory=dict)
+    is_off: bool = False
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -152,7 +163,68 @@ def find_shock_rows(
         squares = np.mean([away[axis].rows ** 2 for axis in moved], axis=0)
         onset = _onset(squares, first, stop, len(moved))
         found.append(ShockRows(first, stop, moved, onset, looked_at))
+    found = _with_ends(found, _at_ends(axes, window, steps), size, looked_at)
     return sorted(found, key=lambda one: one.first)
+
+
+def _at_ends(
+    axes: Mapping[str, Array], window: int, steps: Mapping[str, float]
+) -> dict[bool, dict[str, tuple[int, float]]]:
+    """Return for the end, and the beginning, of a record: axis to off-level rows and deviation."""
+    ends: dict[bool, dict[str, tuple[int, float]]] = {False: {}, True: {}}
+    for axis, x in axes.items():
+        for at_end, rows in ((False, x), (True, x[::-1])):
+            if found := _off_at_first(rows, window, steps[axis]):
+                ends[at_end][axis] = found
+    return ends
+
+
+def _off_at_first(x: Array, window: int, step: float) -> tuple[int, float] | None:
+    """Return how many of the first rows are not on the level of the rows after them, and its sigma.
+
+    The level is that of the second window. What drifts or waves is as far from it elsewhere too.
+    """
+    quiet = x[window : 2 * window]
+    level = float(np.median(quiet))
+    halves = [(half, float(np.median(half))) for half in np.array_split(quiet, 2)]
+    rest = np.concatenate([half - middle for half, middle in halves])
+    sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), 0.5 * step)
+    if abs(halves[0][1] - halves[1][1]) > sigma:
+        return None  # it settles for longer: that has a name of its own
+    loud = np.abs(x[:window] - level) > _LOUD * sigma
+    often = np.cumsum(loud) >= _OF_ITS_ROWS * np.arange(1, len(loud) + 1)
+    size = int(np.flatnonzero(loud & often)[-1]) + 1 if (loud & often).any() else 0
+    if np.count_nonzero(loud[:size]) < _LEAST_ROWS or size == window:
+        return None
+    starts = np.linspace(window, len(x) - 2 * window, _PLACES).astype(int)
+    total = np.concatenate([[0.0], np.cumsum(x - level)])
+    far = (total[starts + size] - total[starts]) / size
+    far -= [float(np.median(x[i + window : i + 2 * window])) - level for i in starts.tolist()]
+    most = float(np.quantile(np.abs(far), _MOST_ELSEWHERE))
+    return (size, sigma) if abs(total[size]) / size > _OF_THE_REST * most else None
+
+
+def _with_ends(
+    found: list[ShockRows],
+    ends: Mapping[bool, Mapping[str, tuple[int, float]]],
+    size: int,
+    looked_at: float,
+) -> list[ShockRows]:
+    """Return shocks with what is off at the ends of the record; what touches them is part of it."""
+    for at_end, off in ends.items():
+        if not off:
+            continue
+        rows = max(count for count, _ in off.values())
+        first, stop = (size - rows, size) if at_end else (0, rows)
+        inside = [one for one in found if one.first < stop and first < one.stop]
+        first = min([first, *(one.first for one in inside)])
+        stop = max([stop, *(one.stop for one in inside)])
+        sigma = {axis: value for one in inside for axis, value in one.sigma.items()}
+        sigma |= {axis: value for axis, (_, value) in off.items()}
+        onset = (float(first), max(first - 0.5, 0.0), first + 0.5)
+        found = [one for one in found if one not in inside]
+        found.append(ShockRows(first, stop, sigma, onset, looked_at, is_off=True))
+    return found
 
 
 def _soft(

@@ -52,6 +52,8 @@ class Shock(EffectKind):
     time: Estimate
     duration: Estimate
     peak: Estimate
+    end: str | None = None
+    """``first`` or ``last`` where it is an end of the record that is off the level."""
 
     kind = "shock"
     meaning = "a mechanical shock that rings"
@@ -73,6 +75,11 @@ class Shock(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
+        if self.end:
+            return (
+                f"the {self.end} {self.duration.value:.2g} s are off the level by up to "
+                f"{self.peak.text}, removed"
+            )
         return (
             f"a shock of up to {self.peak.text} at {self.time.value:.1f} s "
             f"for {self.duration.value:.2g} s, removed"
@@ -139,7 +146,8 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate:
     else:  # of decay times in a ratio of two
         gain, lasts = ring.gain, Estimate(duration, duration / 2, duration * 2, "s")
         peak = Estimate.of(ring.peak[0] * sigma, ring.peak[1] * sigma, view.unit)
-    effect = Shock(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak)
+    end = ("first" if shaken.first == 0 else "last") if shaken.is_off else None
+    effect = Shock(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak, end)
     return Candidate(effect, gain, shaken.log_alternatives, signal=signal)
 
 

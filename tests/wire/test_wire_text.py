@@ -449,10 +449,24 @@ def test_axes_of_one_sensor_in_different_units_say_nothing() -> None:
     assert read_labelled("ax[g]=1.0 ay[mg]=2.0 az[g]=3.0") is None
 
 
+@pytest.mark.parametrize("level", [32_768, 260_000, -40_000])
+def test_counts_of_more_than_16_bits_are_not_cut(level: int) -> None:
+    """20-bit converters, and codes without a sign that are 32768 at rest."""
+    rows = "".join(f"{level + i % 7},5,{i % 3}\n" for i in range(60))
+    info, *rest = _decode("gx[lsb],gy[lsb],gz[lsb]\n" + rows)
+    counts = np.concatenate([e.counts for e in rest if isinstance(e, Block)])
+    assert isinstance(info, StreamInfo)
+    assert len(counts) == 60
+    assert set(counts[:, 0]) == set(range(level, level + 7))
+    assert any("beyond 16 bits" in remark for remark in _remarks(rest))
+
+
 def test_counts_beyond_int16_stay_within_it() -> None:
-    events = _decode("gx[lsb],gy[lsb],gz[lsb]\n" + "99999,-99999,1\n" * 3)
-    block = next(event for event in events if isinstance(event, Block))
-    assert block.counts[0].tolist() == [32767, -32768, 1]
+    rows = "32000,-32000,1\n" * 400 + "32768,-32769,1\n" * 2
+    events = _decode("gx[lsb],gy[lsb],gz[lsb]\n" + rows)
+    counts = np.concatenate([event.counts for event in events if isinstance(event, Block)])
+    assert counts.dtype == np.int16
+    assert counts[-1].tolist() == [32767, -32768, 1]
 
 
 @pytest.mark.parametrize("header", ["# t[s],gx[dps]", '"t[s]","gx[dps]"', "%t[s], gx[dps]"])

@@ -38,6 +38,8 @@ _USUAL = {"gyro": "dps", "accel": "g"}
 _LONGEST_MS = 150
 """Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz), and by more
 than as many thousands ns."""
+_DAMAGED = 0.01
+"""Share of counts that damage may have put out of range."""
 _FARTHEST = 2.5
 """So many times the longest step between bursts is a gap all the same."""
 
@@ -135,6 +137,9 @@ class TextInterpreter:
         units = self._units(axes, values[:, columns], remarks)
         self._epoch += 1
         counted = all(unit == "lsb" for unit in units) and _whole(values[:, columns])
+        if counted and not _of_16_bits(values[:, columns]):
+            remarks.append("counts beyond 16 bits with a sign: taken as they are")
+            counted = False
         timing = self._timing(rows, columns, remarks)
         rows = [row._replace(device_s=row.device_s / timing.per_second) for row in rows]
         times = [row.device_s for row in rows]
@@ -282,6 +287,13 @@ def _whole(values: Values) -> bool:
     """Return whether all values that there are are whole numbers."""
     there = values[np.isfinite(values)]
     return bool(len(there)) and bool((there == np.trunc(there)).all())
+
+
+def _of_16_bits(values: Values) -> bool:
+    """Return whether counts are 16 bits with a sign, but for damage: others have 20, or no sign."""
+    there = values[np.isfinite(values)]
+    beyond = (there > INT16_MAX) | (there < INT16_MIN)
+    return bool(np.mean(beyond) < _DAMAGED)
 
 
 def _converted(

@@ -1,5 +1,6 @@
 """Is a tone one tone, and a band noise."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.signal import lfilter
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.drifting_line import Cluster, DriftingLine, profile_of
+from allanscope.explain.effects.drifting_line import Cluster, DriftingLine, clusters, profile_of
 from allanscope.explain.effects.random_telegraph import _candidate as telegraph
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import Unexplained
@@ -132,3 +133,14 @@ def test_a_line_at_nyquist_has_the_amplitude_of_its_samples(turns):
     left = samples - found.signal
     assert np.var(left) == pytest.approx(0.04**2, rel=0.02)
     assert found.effect.hold_out(view, found).nats > 0.5 * found.gain
+
+
+def test_a_slow_line_of_a_short_record_is_not_many_that_overlap(bench):
+    """Its ordinates lie side by side, and a fiftieth of its frequency is none of them."""
+    b = bench(620, 20.0)
+    wander = np.cumsum(b.rng.normal(0, 0.25, len(b.t)) / 52.0**0.5) * 2 * np.pi
+    tone = 0.3 * np.sin(2 * np.pi * 0.9 * b.t + wander)
+    view = View.of(series_of(b.record(b.noise() + tone)), "gx").without_range(0.2, 2.0)
+    found = clusters(view, 0.3, 1.8)
+    assert 1 <= len(found) <= 2
+    assert all(one.stop <= other.first for one, other in pairwise(found))

@@ -59,6 +59,8 @@ _LEAST = 30.0
 _BRIDGED = 100
 """Ordinates between two loud ones of one line, the sidebands of what is modulated; never more than
 a fiftieth of its frequency."""
+_MARGIN = 2
+"""Ordinates on each side of a cluster that belong to it; clusters that would share one are one."""
 _BESIDE, _CLEARLY, _ABOVE = 3, 4.0, 10.0
 """Widths of a cluster that are looked at on each side; standard errors of their median that are
 nothing; factor by which the power of a line exceeds theirs."""
@@ -180,11 +182,12 @@ def clusters(view: View, low: float, high: float) -> list[Cluster]:
         if found:
             last = found[-1]
             width = last.stop - last.first
-            if k < last.stop + max(min(_BRIDGED, (first + k) // 50), width // 2):
+            reach = max(2 * _MARGIN, min(_BRIDGED, (first + k) // 50), width // 2)
+            if k < last.stop + reach:
                 found[-1] = Cluster(last.first, k + 1)
                 continue
         found.append(Cluster(k, k + 1))
-    grown = [Cluster(max(0, c.first - 2), min(len(u), c.stop + 2)) for c in found]
+    grown = [Cluster(max(0, c.first - _MARGIN), min(len(u), c.stop + _MARGIN)) for c in found]
     kept = [c for c in grown if float(np.sum(u[c.first : c.stop] - 1)) > _LEAST]
     return [Cluster(first + c.first, first + c.stop) for c in kept]
 

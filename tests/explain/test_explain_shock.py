@@ -224,3 +224,14 @@ def test_a_slow_wave_and_a_random_walk_are_off_no_end(bench):
         walk = np.cumsum(b.rng.normal(0, SIGMA, len(b.t)))
         for rows in (wave, walk):
             assert not find_shock_rows({"gx": rows}, 52.0, {"gx": 1e-4})
+
+
+def test_a_level_that_is_another_one_for_seconds_is_one_excursion(bench):
+    """It was two steps, each of which looks as if the level had stayed."""
+    b = bench(614, 120.0)
+    box = 15 * SIGMA * ((b.t >= 60.0) & (b.t < 63.0))
+    found = explain(b.record(b.noise() + box)).axes["gx"]
+    (effect,) = found.effects
+    assert effect.kind == "excursion"
+    assert effect.parameters["time"].value == pytest.approx(60.0, abs=0.1)
+    assert effect.parameters["duration"].value == pytest.approx(3.0, abs=0.2)

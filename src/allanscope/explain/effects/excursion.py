@@ -28,8 +28,8 @@ from allanscope.noise.selection import calibrated_penalty
 Array = NDArray[np.float64]
 Span = tuple[int, int]
 
-_SHORTEST_S = 5.0
-"""A shorter one is a shock or an outlier."""
+_SHORTEST_S, _SHORTEST_FOUND_S = 5.0, 2.0
+"""Of what is scanned, and of what two steps are; a shorter one is a shock or an outlier."""
 _LONGEST = 0.12
 """Longest duration that is scanned, as a share of the record: beyond, its edges are found first
 (`moves.fold`)."""
@@ -95,7 +95,7 @@ class Excursion(PlacedSignal):
     def between(cls, view: View, one_s: float, other_s: float) -> Candidate | None:
         """Return the box between two instants; None where it is too short for one."""
         first, last = (round(t * view.grid.rate_hz) for t in sorted((one_s, other_s)))
-        shortest = _SHORTEST_S * view.grid.rate_hz
+        shortest = _SHORTEST_FOUND_S * view.grid.rate_hz
         return cls._near(view, first, last) if last - first >= shortest else None
 
     def refine(self, view: View) -> Candidate | None:

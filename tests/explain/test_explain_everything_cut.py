@@ -101,3 +101,14 @@ def test_a_step_that_the_level_does_not_have_is_refused(bench):
         assert step.excess > 0.0
         assert abs(step.effect.size.value / size) > 0.4
         assert bool(refused(rows, step)) is not has_place
+
+
+@pytest.mark.parametrize("seed", range(504, 510))
+def test_a_tone_that_is_left_out_says_nothing_of_a_step(bench, seed):
+    """Its ordinates are far above the noise: what a step has there is nothing beside them."""
+    b = bench(seed, 300.0)
+    tone = 0.3 * np.sin(2 * np.pi * 0.2 * b.t + b.rng.uniform(0, 7))
+    jump = 0.02 * (b.t >= 150.0)
+    rows = View.of(series_of(b.record(b.noise() + tone + jump)), "gx").without_range(0.18, 0.22)
+    (step,) = Step.propose(rows)
+    assert not refused(rows, step)

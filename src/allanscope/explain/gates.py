@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import ResidualError
@@ -39,6 +40,8 @@ _RECURRING, _SMALL = 0.25, 30.0
 data."""
 _SAME = 1.02
 """Ratio up to which two errors are the same."""
+_ALIKE, _AGAINST = 9, 5.0
+"""Ordinates over which power that is left out is averaged, and nats that speak against a signal."""
 _LEAST_CHI2, _LEAST_Z = 2.0, 4.0
 """Chi-square per degree of freedom, and z of the worst of so many bands, up to which an error may
 be sampling."""
@@ -90,13 +93,14 @@ def _adds_where_nothing_is_fitted(view: View, candidate: Candidate) -> bool:
     """Return whether the ranges that are left out of the fit speak against a signal.
 
     What is slow and has no name is cut out together with the level. A step is fitted then to its
-    edge alone, whatever the level does: without it the power there must be less, not more.
+    edge alone, whatever the level does. Where the power is that of a tone, it says little.
     """
     if candidate.signal is None or not (candidate.effect.is_slow and view.excluded):
         return False
     out = ~view.grid.kept(view.excluded)
     signal, data = ordinates_of(candidate.signal)[out], view.ordinates[out]
-    return bool(np.sum((signal**2 - 2 * signal * data) / view.spectrum.ordinates[out]) > 0.0)
+    power = np.maximum(uniform_filter1d(data**2, _ALIKE), view.spectrum.ordinates[out])
+    return bool(0.5 * np.sum(signal * (signal - 2 * data) / power) > _AGAINST)
 
 
 def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:

@@ -125,7 +125,9 @@ KERNEL(int64_t, accept_stamps)
     for (; taken < n; taken++) {
         double time = times[taken];
         /* Written so that NaN stops it, too. */
-        if (time < last - period / 2 || !((time - expected) / period <= limits[3])) break;
+        double late = (time - expected) / period;
+        if (time < last - limits[4] * period || !(late <= limits[3])) break;
+        if (late < -0.5 && late > -1.5 && limits[3] < 1) break;
         last = time;
         if (counts[0] - counts[2] >= anchored) {
             counts[1] = counts[2], state[3] = state[4];

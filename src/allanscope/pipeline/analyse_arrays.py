@@ -33,6 +33,7 @@ from allanscope.recording import Recording
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
 from allanscope.view import is_notebook
 from allanscope.wire import LinkStats
+from allanscope.wire.continuity import losses_of
 from allanscope.wire.text import DIVISORS, LARGEST, SMALLEST
 from allanscope.wire.timestamps import (
     long_gaps,
@@ -248,10 +249,11 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
     """
     if times is None or len(times) < 3:
         return _Timing(times is not None, given or _rate_of(times), {})
-    gaps = _gaps(times)
+    rough = losses_of(times, resolution_of(cast("Any", times[:1000])))
+    gaps = _gaps(times) if rough is None else rough
     mean = mean_rate(times)
     first = times[:LOOKED_AT]
-    if rows_come_in_bursts(first) or rows_come_unevenly(first):
+    if rough is None and (rows_come_in_bursts(first) or rows_come_unevenly(first)):
         mean = _without_long_gaps(times, mean)
         words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
         if given:

@@ -8,6 +8,10 @@ late is followed by one that is not; one that is missing shifts all that follow 
 
 A jump is believed only when the next stamp confirms it.
 
+Stamps that scatter by a good part of a period say little one by one (`Comb`): then it is the
+likeliest course of the next few that decides, in which each is a whole number of periods late,
+by more after a loss and by one less after a row that came twice.
+
 The period is the mean over up to 8192 samples. When stamps scatter by s periods and it was taken
 from n samples, its relative error is 2 s / n at most; a gap of m samples can be counted while m
 times that is below a quarter. What is longer is left without a number.
@@ -33,13 +37,17 @@ from numpy.typing import NDArray
 from allanscope.compiled import Pointer, kernel
 from allanscope.samples import Gap, GapReason
 from allanscope.wire.rows import Row
-from allanscope.wire.timestamps import period_of
+from allanscope.wire.timestamps import comb_of, period_of
 
-__all__ = ["CoarseClock", "Continuity", "Missing", "PeriodTracker"]
+__all__ = ["CoarseClock", "Continuity", "Missing", "PeriodTracker", "losses_of"]
 
-Missing = int | Literal["back"] | None
-"""Samples that are missing: 0 none, None an unknown number, ``back`` where time went back."""
+Missing = int | Literal["back", "repeat"] | None
+"""Samples that are missing: 0 none, None an unknown number, ``back`` where time went back,
+``repeat`` where the row may be the one before it again."""
 
+_LOOKED_AT = 1024
+"""Stamps from which the period of a record is taken."""
+_NOTHING = np.empty(0)
 _MEMORY = 8192
 _ANCHORED = _MEMORY // 2
 _PULL = 1 / 8
@@ -47,6 +55,11 @@ _FIRST_TRUST = 16
 _LEAST_SCATTER = 0.02
 _NEARBY = 8.5
 _STEPS = 2.5
+_ROUGH = 0.08
+"""Scatter of the stamps, in periods, from which several of them decide."""
+_LOSS, _REPEAT, _OTHER, _OUTLIER = 8.0, 4.0, 12.0, 6.0
+"""Minus the log of how often samples are lost, rows of equal values and of other values are one too
+many, and stamps are off by anything."""
 
 
 class Continuity:
@@ -99,8 +112,18 @@ class Continuity:
         if self.accepted and self._due is None:
             self._due = reason
 
-    def missing(self, row: Row) -> Missing:
-        """Return what is missing before a row."""
+    @property
+    def lookahead(self) -> int:
+        """How many of the rows after one are needed to decide about it."""
+        return self._tracker.lookahead if self._tracker is not None else 1
+
+    def missing(
+        self, row: Row, after: NDArray[np.float64] = _NOTHING, again: bool = False
+    ) -> Missing:
+        """Return what is missing before a row, given the times of the rows after it.
+
+        `again` says that its values are those of the row before.
+        """
         if self.accepted == 0:
             return 0
         if self._due is not None:
@@ -112,7 +135,7 @@ class Continuity:
                 return row.blank_before
             return None if damaged or self._coarse_clock.jumped(row.device_s) else 0
         assert self._tracker is not None
-        return self._tracker.missing(row.device_s, damaged)
+        return self._tracker.missing(row.device_s, damaged, after, again)
 
     def blank_losses(self, blank_before: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the samples lost before each row, where only rows without values show it."""
@@ -147,7 +170,9 @@ class Continuity:
             return Gap(due, None)
         if missing == "back":
             return Gap("restarted", None)
-        return None if missing == 0 else Gap("link" if damaged else "device", missing)
+        if missing == "repeat" or missing == 0:
+            return None
+        return Gap("link" if damaged else "device", missing)
 
     def accept(self, device_s: NDArray[np.float64]) -> int:
         """Accept rows of these times, without damage, up to the first that needs a closer look.
@@ -188,14 +213,32 @@ class PeriodTracker:
         them, but not counted.
     scatter : float
         How far stamps are from even, in periods.
+    rms : float
+        Standard deviation of the stamps, in periods.
+    rows : int
+        How many the period was taken from.
+
+    Attributes
+    ----------
+    lookahead : int
+        How many of the stamps after one are needed to decide about it.
     """
 
-    def __init__(self, period_s: float, resolution_s: float = 0.0, scatter: float = 0.5) -> None:
+    def __init__(
+        self,
+        period_s: float,
+        resolution_s: float = 0.0,
+        scatter: float = 0.5,
+        rms: float = 0.0,
+        rows: int = 0,
+    ) -> None:
+        self._rms = rms if rms > _ROUGH else 0.0
+        self.lookahead = max(4, round(200.0 * rms * rms)) if self._rms else 1
         self._countable = resolution_s <= 0.6 * period_s
         self._reach = min(1.0 / (8.0 * max(scatter, _LEAST_SCATTER)), 1.0)
         self._plausible = period_s / 2, period_s * 2
         self._period = period_s
-        self._trusted = _FIRST_TRUST
+        self._trusted = max(_FIRST_TRUST, rows // 2)
         self._expected: float | None = None
         self._last = -math.inf
         self._samples = 0
@@ -208,10 +251,21 @@ class PeriodTracker:
         if period_s is None:
             return None
         steps = np.diff(times) / period_s
-        whole = np.abs(steps - 1.0) < 0.5
-        return cls(period_s, resolution_s, float(np.abs(steps[whole] - 1.0).max()))
+        off = np.abs(steps[np.abs(steps - 1.0) < 0.5] - 1.0)
+        if not len(off):
+            return None
+        comb = comb_of(times) if math.sqrt(float(np.mean(off**2)) / 2.0) > _ROUGH else None
+        if comb is None:
+            return cls(period_s, resolution_s, float(off.max()))
+        return cls(period_s, resolution_s, float(off.max()), comb.scatter, len(times))
 
-    def missing(self, time_s: float, damaged: bool = False) -> Missing:
+    def missing(
+        self,
+        time_s: float,
+        damaged: bool = False,
+        after: NDArray[np.float64] = _NOTHING,
+        again: bool = False,
+    ) -> Missing:
         """Return how many samples are missing before a sample of this time.
 
         Parameters
@@ -220,19 +274,55 @@ class PeriodTracker:
             Its stamp.
         damaged : bool
             Whether something unreadable came before it.
+        after : ndarray
+            The stamps of the samples after it.
+        again : bool
+            Whether its values are those of the sample before.
 
         Returns
         -------
         Missing
             None when it cannot be told; ``back`` when time went back, as it does when a device
-            restarts.
+            restarts; ``repeat`` where a row too many came.
         """
+        if self._rms and self._expected is not None and not damaged:
+            stamps = np.append(time_s, after[: self.lookahead])
+            late_by = (stamps - self._expected) / self._period - np.arange(len(stamps))
+            return self._likeliest(late_by, again)
         if time_s < self._last - self._period / 2:
             return "back"
         late = self._lateness(time_s)
         if not self._countable:
             return None if damaged or late > 1.5 else 0
+        early = -1.5 < late < -0.5 and again and len(after)
+        if early and -1.5 < self._lateness(float(after[0])) - 1.0 < -0.5:
+            return "repeat"
         number = max(0, round(late))
+        return number if number <= self._known() * self._reach else None
+
+    def _likeliest(self, late: NDArray[np.float64], again: bool) -> Missing:
+        """Return what is missing before the first of some stamps, by the likeliest course of all.
+
+        The course is the number of periods that each is late: it rises by what is lost, falls by
+        one where a row comes twice, and by more where the clock is set back (Viterbi, 1967).
+        """
+        if not late.min() > -_NEARBY and np.median(late) < -1.5:
+            return "back"
+        near = np.unique(np.clip(np.rint(late), -1, None).astype(np.int64))
+        levels = np.unique(np.concatenate([near, near + 1, [-1, 0, 1]]))
+        misfit = (late[:, None] - levels) ** 2 / (2.0 * self._rms**2)
+        misfit = np.minimum(misfit, _OUTLIER)
+        rise = levels - levels[:, None]  # from row to column
+        price = np.where(rise > 0, _LOSS, np.where(rise == 0, 0.0, -_OTHER * rise))
+        cost = misfit[-1]
+        for one in misfit[-2::-1]:
+            cost = one + (price + cost).min(axis=1)
+        first = price[levels == 0][0]
+        if again:
+            first[levels == -1] = _REPEAT
+        number = int(levels[int((first + cost).argmin())])
+        if number < 0:
+            return "repeat"
         return number if number <= self._known() * self._reach else None
 
     @property
@@ -254,12 +344,12 @@ class PeriodTracker:
             Whether something unreadable came between the two, so that they may be several periods
             from each other: a sound sample between two damaged ones is sound.
         """
-        if not self._countable:
+        if not self._countable or (self._rms and not self.is_new):
             return True
         steps = (next_s - time_s) / self._period
         off = abs(steps - (max(1, round(steps)) if damaged_between else 1))
         if self.is_new:
-            return off <= 0.5
+            return off <= 0.5 + 4.0 * self._rms
         late = self._lateness(next_s)
         if not 0.5 <= late <= _NEARBY:
             return True
@@ -270,6 +360,8 @@ class PeriodTracker:
 
         After a jump that cannot be counted everything but the period starts over.
         """
+        if missing == "repeat":  # of other values: then a sample was taken for lost before
+            missing = -1
         if not isinstance(missing, int):
             self._restart()
             missing = 0
@@ -283,7 +375,10 @@ class PeriodTracker:
             period = (time_s - since) / (self._samples - first)
             low, high = self._plausible
             self._period = min(max(period, low), high)
-        self._expected = expected + _PULL * (time_s - expected) + self._period
+        off = time_s - expected
+        if self._rms:
+            off = min(max(off, -self._period / 2.0), self._period / 2.0)
+        self._expected = expected + _PULL * off + self._period
         self._samples += 1
 
     def accept(self, times_s: NDArray[np.float64]) -> int:
@@ -296,7 +391,8 @@ class PeriodTracker:
         (first, since), (last, until) = self._anchors[0], self._anchors[-1]
         state = np.array([self._period, self._expected, self._last, since, until])
         counts = np.array([self._samples, first, last], np.int64)
-        limits = np.array([*self._plausible, _PULL, 0.5 if self._countable else 1.5])
+        back = 1.5 if self._rms else 0.5
+        limits = np.array([*self._plausible, _PULL, 0.5 if self._countable else 1.5, back])
         taken = int(
             _accept_stamps(times_s, len(times_s), self._trusted, _ANCHORED, limits, state, counts)
         )
@@ -319,6 +415,32 @@ class PeriodTracker:
         """Return how many samples the period was taken from."""
         span = self._samples - self._anchors[0][0] if self._anchors else 0
         return max(span, self._trusted)
+
+
+def losses_of(times_s: NDArray[np.float64], resolution_s: float = 0.0) -> dict[int, int] | None:
+    """Return how many samples are missing before which row, where the stamps scatter; else None.
+
+    >>> rng = np.random.default_rng(1)
+    >>> kept = np.delete(np.arange(1000), [300, 301, 700])
+    >>> losses_of(0.01 * kept + rng.normal(0.0, 0.002, len(kept)))
+    {300: 2, 698: 1}
+    """
+    tracker = PeriodTracker.of(times_s[:_LOOKED_AT].tolist(), resolution_s)
+    if tracker is None or tracker.lookahead == 1:
+        return None
+    lost = {}
+    row = 0
+    while row < len(times_s):
+        row += tracker.accept(times_s[row:])
+        if row == len(times_s):
+            break
+        after = times_s[row + 1 : row + 1 + tracker.lookahead]
+        missing = tracker.missing(times_s[row], after=after)
+        tracker.update(times_s[row], missing)
+        if isinstance(missing, int) and missing > 0:
+            lost[row] = missing
+        row += 1
+    return lost
 
 
 class CoarseClock:
@@ -344,7 +466,10 @@ class CoarseClock:
         (False, True)
         """
         steps = np.diff(np.asarray(times, np.float64))
-        still = len(steps) > 0 and float(np.median(np.abs(steps))) == 0.0
+        size = np.abs(steps[steps != 0.0])
+        still = len(size) > 0 and float(np.median(np.abs(steps))) == 0.0
+        if still and float(np.median(size)) > _STEPS * resolution_s:  # rows that come in bursts
+            return cls(_STEPS * float(size.max()))
         return cls(_STEPS * resolution_s if still and resolution_s > 0.0 else math.inf)
 
     def jumped(self, time_s: float) -> bool:

@@ -68,6 +68,7 @@ class RowEvents:
         self._continuity = Continuity(checked)
         self._plausibility = Plausibility()
         self._index = 0
+        self._last: NDArray[np.float64] = np.empty(0)
         self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._damaged = False
         self._blank = 0
@@ -182,7 +183,7 @@ class RowEvents:
         resolution_s = interpretation.info.time_resolution_s
         self._continuity.interrupt("restarted")
         self._continuity.learn(
-            whole.device_s.tolist(),
+            pending[:held].whole(interpretation).device_s.tolist(),
             resolution_s,
             interpretation.farthest_s,
             blank_is_lost=blank == 0.0,
@@ -208,7 +209,9 @@ class RowEvents:
         checks = self._plausibility.check(counts[agree])
         between = self._continuity
         lost = between.blank_losses(rows.blank_before)
-        alone = np.append(np.flatnonzero(~agree | rows.damaged_before | (lost > 0)), len(rows))
+        again = _repeated(rows.values, self._last)
+        alone = ~agree | rows.damaged_before | (lost > 0) | (again & (between.lookahead > 1))
+        alone = np.append(np.flatnonzero(alone), len(rows))
         start = i = 0
         while i < len(rows):
             until = int(alone[np.searchsorted(alone, i)])
@@ -218,44 +221,58 @@ class RowEvents:
                 i += count
                 continue
             row, agrees = rows.row(i), bool(agree[i])
-            missing = between.missing(row)
+            ahead = i + between.lookahead
+            missing = between.missing(row, rows.device_s[i + 1 : ahead + 1], bool(again[i]))
             doubtful = agrees and between.needs_confirmation(row, missing)
             failed = not agrees and self._failed(interpretation, row)
             suspect = agrees and checks.next(row.damaged_before)
-            waits = doubtful and i + 1 == len(rows)
+            waits = doubtful and (i + 1 if final else ahead) >= len(rows)
             if failed or waits or (suspect and checks.is_last and not final):
                 self._block(rows[start:i], counts[start:i], events)
                 self._interpretation = None if failed else interpretation
                 self._plausibility.update(counts[:i][agree[:i]])
+                self._last = rows.values[i - 1] if i else self._last
                 return rows[i:], not failed
+            twice = missing == "repeat" and agrees and bool(again[i])
+            doubtful = doubtful and missing != "repeat"
             unsound = not agrees or (doubtful and not between.is_confirmed(row, rows.row(i + 1)))
-            if unsound or suspect:
+            if unsound or suspect or twice:
                 self._block(rows[start:i], counts[start:i], events)
-                self._leave_out(unsound)
-                if unsound:
-                    why = "time does not fit the next row" if agrees else "values are impossible"
-                    self._complain(row, f"its {why}; such rows are left out", events)
+                why = "impossible" if not agrees else "time" if unsound else ""
+                self._leave_out(row, "again" if twice else why, events)
                 start = i = i + 1
                 continue
             gap = between.update(row, missing)
             if gap is not None:
                 self._block(rows[start:i], counts[start:i], events)
                 self._append_gap(gap, events)
-                if missing == "back":
-                    self._complain(row, "the time goes back: a gap of unknown length", events)
-                elif lost[i]:
-                    self._complain(row, _blank_remark(int(lost[i])), events)
+                self._explain_gap(row, missing == "back", int(lost[i]), events)
                 start = i
             i += 1
         self._block(rows[start:], counts[start:], events)
         self._plausibility.update(counts[agree])
+        self._last = rows.values[-1]
         return None, False
 
-    def _leave_out(self, unsound: bool) -> None:
-        """Note a row that is left out: damaged for sure, or else suspect."""
-        if unsound:
+    def _explain_gap(self, row: Row, back: bool, blank: int, events: list[Event]) -> None:
+        """Say of a file why rows are missing, as far as they say so themselves."""
+        if back:
+            self._complain(row, "the time goes back: a gap of unknown length", events)
+        elif blank:
+            self._complain(row, _blank_remark(blank), events)
+
+    def _leave_out(self, row: Row, why: str, events: list[Event]) -> None:
+        """Note a row that is left out: damaged for sure if there is a `why`, or else suspect."""
+        if why == "again":
+            self._complain(row, "the row before it again; such rows are left out", events)
+            return
+        if why:
             self._stats.resyncs += 1
             self._plausibility.note_damage()
+            what = (
+                "values are impossible" if why == "impossible" else "time does not fit the next row"
+            )
+            self._complain(row, f"its {what}; such rows are left out", events)
         else:
             self._stats.suspect += 1
         self._continuity.note_discarded()
@@ -307,6 +324,15 @@ def _blank_remark(count: int) -> str:
     if count == 1:
         return "the row before it has blank cells or NaN: a lost sample"
     return f"the {count} rows before it have blank cells or NaN: lost samples"
+
+
+def _repeated(values: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows have the values of the row before, the first those of `last`."""
+    if len(last) != values.shape[1]:
+        last = np.full(values.shape[1], np.inf)
+    before = np.vstack([last, values[:-1]])
+    same = (values == before) | (np.isnan(values) & np.isnan(before))
+    return np.asarray(same.all(axis=1), np.bool_)
 
 
 def _even(times: list[float]) -> bool:

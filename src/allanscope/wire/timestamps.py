@@ -5,13 +5,17 @@ Its period, its rate, the step of its clock, and whether rows come in bursts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Comb",
     "WrappingCounter",
+    "comb_of",
     "long_gaps",
     "mean_rate",
     "period_of",
@@ -36,6 +40,12 @@ known well enough."""
 _SCATTERED, _MADE_UP_FOR, _USUALLY = 0.25, -0.25, 0.6
 """Relative scatter of the steps from which stamps tell no single loss, the correlation of
 neighbours below which it is that of the stamps, and median over mean step of what is no burst."""
+_FASTER, _SLOWER, _OVERSAMPLED = 1.5, 0.95, 6
+"""Sampling rate over the rate of rows: above one by what is lost, below by what is doubled; and
+steps of frequency in a width of the peak of the comb."""
+_ROUGH = 0.1
+"""Scatter of the steps, in periods, from which their mean says less than the comb."""
+_FEWEST_IN_COMB, _CHANCE = 25, 1e-3
 _REGULAR = 0.5
 """Relative scatter of the time from burst to burst; that between random losses is 1."""
 
@@ -91,11 +101,58 @@ def period_of(times: Sequence[float] | NDArray[np.float64]) -> float | None:
     if median <= 0.0:
         return None
     whole = (steps > 0.4 * median) & (steps < 1.5 * median)
+    if whole.mean() < 0.8 or steps[whole].std() > _ROUGH * median:
+        comb = comb_of(times)
+        if comb is not None:
+            return comb.period_s
     if whole.mean() < 0.8 and not _far_are_multiples(steps / median):
         return None
     # Short steps stay in: coarse stamps have some, and the mean is right only with them.
     near = whole | (np.abs(steps) < 0.5 * median)
     return float(np.round(steps[near].mean(), 12))
+
+
+class Comb(NamedTuple):
+    """Period of a clock whose stamps scatter, and by how many periods they do (rms)."""
+
+    period_s: float
+    scatter: float
+
+
+def comb_of(times: Sequence[float] | NDArray[np.float64]) -> Comb | None:
+    """Return the period of which all stamps are multiples but for their scatter; None without one.
+
+    Neither lost nor doubled rows move the others off their multiples, nor does the jitter of one
+    row. So with stamps t the mean of exp(2 pi i f t) peaks at the sampling rate f, and of stamps
+    that scatter by s periods its size is exp(-2 pi^2 s^2). By chance it is larger than r in n rows
+    once in exp(n r^2).
+
+    >>> rng = np.random.default_rng(1)
+    >>> kept = np.flatnonzero(rng.random(1000) > 0.1)
+    >>> comb = comb_of(0.01 * kept + rng.normal(0.0, 0.002, len(kept)))
+    >>> round(comb.period_s, 5), round(comb.scatter, 1)
+    (0.01, 0.2)
+    """
+    stamps = np.asarray(times, np.float64)
+    mean = mean_rate(stamps)
+    if len(stamps) < _FEWEST_IN_COMB or not np.isfinite(stamps).all() or mean <= 0.0:
+        return None
+    if rows_come_in_bursts(stamps):
+        return None
+    width = 1.0 / float(np.ptp(stamps))
+    hz = np.arange(_SLOWER * mean, _FASTER * mean, width / _OVERSAMPLED)
+    if len(hz) > len(stamps) * _OVERSAMPLED:  # a gap far longer than all that came
+        return None
+    since = stamps - stamps[0]
+    size = np.array([abs(np.exp(2j * np.pi * f * since).mean()) for f in hz.tolist()])
+    best = int(size.argmax())
+    alternatives = max(len(hz) / _OVERSAMPLED, 1.0)
+    if best in (0, len(hz) - 1) or len(stamps) * size[best] ** 2 < math.log(alternatives / _CHANCE):
+        return None
+    left, top, right = size[best - 1 : best + 2].tolist()
+    shift = (left - right) / (2.0 * (left - 2.0 * top + right))
+    period_s = 1.0 / (hz[best] + shift * width / _OVERSAMPLED)
+    return Comb(float(f"{period_s:.10g}"), math.sqrt(-math.log(min(top, 1.0)) / 2.0) / math.pi)
 
 
 def _far_are_multiples(steps: NDArray[np.float64]) -> bool:
@@ -152,7 +209,7 @@ def rows_come_in_bursts(times: Sequence[float] | NDArray[np.float64]) -> bool:
     if len(steps) < 2 * _FEWEST_BURSTS or steps.min() < 0.0:
         return False
     median = float(np.median(steps))
-    if median <= 0.0 or steps.mean() < _BURSTY * median:
+    if _stands_still(stamps, steps) or steps.mean() < _BURSTY * median:
         return False
     ends = np.flatnonzero(steps > 1.5 * median)
     if len(ends) < _FEWEST_BURSTS or len(steps) > _LONGEST_BURST * len(ends):
@@ -163,6 +220,14 @@ def rows_come_in_bursts(times: Sequence[float] | NDArray[np.float64]) -> bool:
     number = np.arange(len(stamps))
     off = stamps - np.polyval(np.polyfit(number, stamps - stamps[0], 1), number) - stamps[0]
     return bool(np.ptp(off) <= 2.0 * steps.max() + cycles.mean())
+
+
+def _stands_still(stamps: NDArray[np.float64], steps: NDArray[np.float64]) -> bool:
+    """Return whether most rows repeat a stamp of a clock that then goes on by its least step."""
+    if np.median(steps) > 0.0:
+        return False
+    moved = steps[steps > 0.0]
+    return not len(moved) or bool(np.median(moved) <= _BURSTY * resolution_of(stamps.tolist()))
 
 
 def rows_come_unevenly(times: Sequence[float] | NDArray[np.float64]) -> bool:
@@ -177,10 +242,12 @@ def rows_come_unevenly(times: Sequence[float] | NDArray[np.float64]) -> bool:
     (True, False)
     """
     steps = np.diff(np.asarray(times, np.float64))
-    if len(steps) < _LONGEST_BURST or not np.isfinite(steps).all() or steps.min() < 0.0:
+    if len(steps) < _LONGEST_BURST or not np.isfinite(steps).all():
         return False
     if _scatter(steps):
         return True
+    if steps.min() < 0.0:
+        return False
     median = float(np.median(steps))
     if not 0.0 < _BURSTY * median <= float(steps.mean()):
         return False

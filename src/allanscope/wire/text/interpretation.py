@@ -24,6 +24,7 @@ from allanscope.wire.text.units import (
     unit_by_gravity,
 )
 from allanscope.wire.timestamps import (
+    comb_of,
     mean_rate,
     period_of,
     resolution_of,
@@ -208,7 +209,10 @@ class TextInterpreter:
         scaled = [row._replace(device_s=row.device_s / per_second) for row in rows]
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
-        if rows_come_in_bursts(whole) or (len(whole) > 4 * HELD and rows_come_unevenly(whole)):
+        period = period_of(whole)
+        uneven = period is None or comb_of(whole) is None
+        uneven = uneven and len(whole) > 4 * HELD and rows_come_unevenly(whole)
+        if rows_come_in_bursts(whole) or uneven:
             words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
             if given:
                 remarks.append(f"{words}; they are ignored, the rate is the given {given:g} Hz")
@@ -216,7 +220,6 @@ class TextInterpreter:
             remarks.append(f"{words}, which is used as the rate; single lost samples do not show")
             farthest = _FARTHEST * float(np.diff([t for t in whole if math.isfinite(t)]).max())
             return _Timing(per_second, float(f"{mean:.4g}"), farthest)
-        period = period_of(whole)
         # Of few rows of a clock that stands still for several, rows over time says little.
         shown = 1.0 / period if period else mean if len(whole) > 4 * HELD else 0.0
         if given and shown and abs(shown / given - 1.0) > OSCILLATOR_TOLERANCE:

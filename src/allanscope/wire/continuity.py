@@ -170,7 +170,7 @@ class Continuity:
             return Gap(due, None)
         if missing == "back":
             return Gap("restarted", None)
-        if missing == "repeat" or missing == 0:
+        if missing in {"repeat", 0}:
             return None
         return Gap("link" if damaged else "device", missing)
 

@@ -23,7 +23,7 @@ from allanscope.history import Record
 KINDS = (
     *("sinusoid", "drifting_line", "narrowband", "gauss_markov", "random_telegraph", "power_law"),
     *("step", "excursion", "warm_up", "outliers", "shock", "variance_change", "scale_drift"),
-    *("temperature", "temperature_lag", "temperature_curve", "cross_coupling"),
+    *("relaxation", "temperature", "temperature_lag", "temperature_curve", "cross_coupling"),
     *("amplitude_coupling", "band_limit", "repeated_samples", "saturation", "dead_zone"),
 )
 FORMS = {
@@ -160,6 +160,16 @@ class Injector(Maker):
         at = float(self.rng.uniform(0.1, 0.9)) * self.duration
         size = times * self.carrier.step * float(self.rng.choice([-1, 1]))
         return {"time": at, "size": size}, size * (self.t >= at)
+
+    def relaxation(self, times, _noise, _others):
+        if self.duration < LONG_S:
+            return None
+        at = float(self.rng.uniform(0.15, 0.6)) * self.duration
+        tc = float(np.exp(self.rng.uniform(np.log(0.02), np.log(0.12)))) * self.duration
+        shape = (self.t >= at) * np.exp(-np.maximum(self.t - at, 0.0) / tc)
+        size = times * self._own(shape, 6.9) * float(self.rng.choice([-1, 1]))
+        truth = {"time": at, "size": size, "time_constant": tc}
+        return truth, size * (0.4 * (self.t >= at) + 0.6 * shape)
 
     def excursion(self, times, _noise, _others):
         ends = np.log([5.5, max(5.6, LONGEST_EXCURSION * self.duration)])

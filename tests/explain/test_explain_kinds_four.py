@@ -136,6 +136,26 @@ def step(b):
     )
 
 
+def relaxation(b):
+    def pulled(size, lasting, tau, at=220.0):
+        creep = np.exp(-np.maximum(b.t - at, 0.0) / tau)
+        return after(b, at) * (lasting + (size - lasting) * creep)
+
+    return side_by_side(
+        b,
+        pulled(0.06, 0.02, 25.0),
+        20e-3 * after(b, 400.0),
+        pulled(6e-3, 0.0, 15.0),
+        truth={
+            "time": (220.0, 0.01),
+            "size": (0.06, 0.3),
+            "time_constant": (25.0, 0.5),
+            "lasting": (0.02, 0.5),
+        },
+        confuser="step",
+    )
+
+
 def excursion(b):
     return side_by_side(
         b,
@@ -383,7 +403,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        *(shock, power_law, dead_zone, amplitude_coupling, high_pass),
+        *(shock, power_law, dead_zone, amplitude_coupling, high_pass, relaxation),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -29,6 +29,7 @@ __all__ = [
     "drifting_line",
     "excursion",
     "outliers",
+    "relaxation",
     "shock",
     "sinusoid",
     "step",
@@ -66,6 +67,25 @@ def excursion(parameters: Mapping[str, float], context: EffectContext) -> Apply:
 
     def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values[conditions.time_s < back_s] += size
+
+    return apply
+
+
+@effect(
+    "relaxation",
+    "a jump of the level that relaxes exponentially",
+    "signal",
+    size=Parameter("axis", "of the jump, signed"),
+    time_constant=Parameter("s", "of the relaxation", above=0.0),
+    lasting=Parameter("axis", "what stays in the end, signed", 0.0),
+)
+def relaxation(parameters: Mapping[str, float], context: EffectContext) -> Apply:
+    """Add y(t) = lasting + (size - lasting) exp(-(t - time) / time_constant) for t >= time."""
+    lasting, time_constant = parameters["lasting"], parameters["time_constant"]
+    creep = parameters["size"] - lasting
+
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        values += lasting + creep * np.exp((context.onset_s - conditions.time_s) / time_constant)
 
     return apply
 

@@ -235,3 +235,23 @@ def test_a_level_that_is_another_one_for_seconds_is_one_excursion(bench):
     assert effect.kind == "excursion"
     assert effect.parameters["time"].value == pytest.approx(60.0, abs=0.1)
     assert effect.parameters["duration"].value == pytest.approx(3.0, abs=0.2)
+
+
+def test_pulses_of_an_elevator_and_a_self_test_are_shocks_and_no_random_walk(bench):
+    """K was 650 ug/sqrt(s) and 120 mdps/sqrt(s), with the low frequencies unexplained."""
+    b = bench(622, 600.0)
+
+    def pulse(at, peak):
+        late = (b.t - at) / 1.5
+        return peak * SIGMA * np.where((late > 0) & (late < 1), np.sin(np.pi * late) ** 2, 0.0)
+
+    rides = sum(pulse(at, 50) + pulse(at + 9.0, -50) for at in (100.0, 320.0))
+    test = 80 * SIGMA * ((b.t > 250.0) & (b.t < 250.8))
+    found = explain(b.record(b.noise() + rides, b.noise() + test)).axes
+    assert [effect.kind for effect in found["gx"].effects] == 4 * ["shock"]
+    times = sorted(effect.parameters["time"].value for effect in found["gx"].effects)
+    assert times == pytest.approx([100.2, 109.2, 320.2, 329.2], abs=0.3)
+    (single,) = found["gy"].effects
+    assert single.kind == "shock"
+    assert single.parameters["time"].value == pytest.approx(250.0, abs=0.1)
+    assert single.parameters["duration"].value == pytest.approx(0.8, abs=0.1)

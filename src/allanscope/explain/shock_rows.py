@@ -1,7 +1,8 @@
 """Where a record is shaken: rows far from their level that swing, for a moment, on all axes.
 
 Rows beyond six robust deviations from a running median, close to each other, are a group. One that
-goes to and fro is a shock; one that goes only once to the other side is a piece of something on a
+goes to and fro is a shock, and so is a loud pulse to one side that is over before the median has
+followed it; one that goes only once to the other side is a piece of something on a
 single axis, and a shock where a second axis does so at the same time. A knock moves the whole
 board: at a time that is known the other axes need not be as loud to be moved by it.
 
@@ -49,6 +50,8 @@ _MOST, _MOST_SHOCKS = 0.1, 12
 """Share of the rows in shocks, and their number, beyond which an axis is loud all along."""
 _SWINGS = 0.5
 """Standard deviation within a shock over its rms: a level that stays is an excursion."""
+_PULSE_S, _FLAT = 1.0, 0.25
+"""A pulse to one side that lasts longer has no flat top: with one it is an excursion."""
 _SIDE, _TURNS = 3.0, 2
 """Deviations from which a row is on one side, and least changes of the side."""
 _AXES = 2
@@ -109,19 +112,24 @@ class _Group:
     stop: int
     turns: int
     swings: bool
+    is_pulse: bool
 
     @property
     def is_shock(self) -> bool:
-        return self.swings and self.turns >= _TURNS
+        return self.is_pulse or (self.swings and self.turns >= _TURNS)
 
 
 @dataclass(frozen=True)
 class _Away:
-    """How far one axis is from its level, in robust deviations: rows, and means of some rows."""
+    """How far one axis is from its level, in robust deviations: rows, and means of some rows.
+
+    And how far that level goes from end to end.
+    """
 
     rows: Array
     means: tuple[Array, ...]
     sigma: float
+    wanders: float
 
     def beyond(self, limit: float, part: slice = slice(None)) -> Flags:
         """Tell which rows, or means of some rows, are far away: vibration hides a slower swing."""
@@ -293,7 +301,8 @@ def _onset(squares: Array, first: int, stop: int, axes: int) -> tuple[float, flo
 
 
 def _away(x: Array, window: int, step: float) -> _Away | None:
-    away = x - median_filter(x, window, mode="reflect")
+    level = median_filter(x, window, mode="reflect")
+    away = x - level
     sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(away))), 0.5 * step)
     if sigma <= 0:
         return None
@@ -301,7 +310,7 @@ def _away(x: Array, window: int, step: float) -> _Away | None:
     means = [uniform_filter1d(kept, rows, mode="reflect") for rows in _MEANS]
     scales = [MAD_TO_SIGMA * float(np.median(np.abs(mean))) for mean in means]
     scaled = tuple(m / s for m, s in zip(means, scales, strict=True) if s > 0)
-    return _Away(away / sigma, scaled, sigma)
+    return _Away(away / sigma, scaled, sigma, float(np.ptp(level)) / sigma)
 
 
 def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
@@ -315,20 +324,28 @@ def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
     rows = sum(stop - first for first, stop in spans)
     if len(spans) > _MOST_SHOCKS or rows > _MOST * len(away.rows):
         return []
-    return [_Group(axis, *span, *_swing(away.rows[slice(*span)])) for span in spans]
+    return [_Group(axis, *span, *_swing(away, slice(*span), rate_hz)) for span in spans]
 
 
-def _swing(away: Array) -> tuple[int, bool]:
-    """Return how often rows change the side, and whether they swing as no steady level does."""
+def _swing(axis: _Away, part: slice, rate_hz: float) -> tuple[int, bool, bool]:
+    """Return how often rows change the side, whether they swing as no steady level does.
+
+    And whether they are a pulse: all on one side, over before the running median has followed, no
+    level that stays for a second, and higher than the level ever goes: else it is one of its hops.
+    """
+    away = axis.rows[part]
     side = np.sign(away[np.abs(away) > _SIDE])
-    rms = float(np.sqrt(np.mean(away**2)))
+    rms, scatter = float(np.sqrt(np.mean(away**2))), float(np.std(away))
     turns = int(np.count_nonzero(np.diff(side)))
-    return turns, bool(float(np.std(away)) > max(_SIDE, _SWINGS * rms))
+    rises = len(away) < _PULSE_S * rate_hz or scatter > max(_SIDE, _FLAT * rms)
+    high = float(np.median(np.abs(away))) > max(_LOUD, axis.wanders)
+    pulse = turns == 0 and rises and high and len(away) < _WINDOW_S / 2 * rate_hz
+    return turns, scatter > max(_SIDE, _SWINGS * rms), pulse
 
 
 def _events(groups: list[_Group], rate_hz: float) -> list[tuple[int, int]]:
     """Return the ends of the shocks: groups of all axes that touch are one."""
-    turning = sorted((g for g in groups if g.turns), key=lambda g: g.first)
+    turning = sorted((g for g in groups if g.turns or g.is_pulse), key=lambda g: g.first)
     sets: list[list[_Group]] = []
     for group in turning:
         if sets and group.first < max(g.stop for g in sets[-1]):
@@ -337,7 +354,7 @@ def _events(groups: list[_Group], rate_hz: float) -> list[tuple[int, int]]:
             sets.append([group])
     found = []
     for members in sets:
-        swinging = [g for g in members if g.swings]
+        swinging = [g for g in members if g.swings or g.is_pulse]
         axes = {g.axis for g in swinging}
         if not any(g.is_shock for g in members) and len(axes) < _AXES:
             continue

@@ -8,6 +8,8 @@ all axes together (`shock_rows`): what shakes one axis is looked for on the othe
 with one time and duration. These rows are taken out: the level before is drawn through them to the
 level after, with noise like that beside them on it, so that the spectrum has no gap there. What
 changes the level within the time of a shock is one `step` at most, and belongs to its finding.
+A pulse to one side that is over within two seconds (a self test, an elevator that sets off) is one
+too: it rings less, and its rows tell as little of the noise.
 """
 
 from __future__ import annotations
@@ -56,7 +58,7 @@ class Shock(EffectKind):
     """``first`` or ``last`` where it is an end of the record that is off the level."""
 
     kind = "shock"
-    meaning = "a mechanical shock that rings"
+    meaning = "a mechanical shock that rings, or a pulse of a second"
     phrase = "shock at {event}, up to {peak}"
     motion = "burst"
     acts_fast = False

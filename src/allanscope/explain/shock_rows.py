@@ -324,23 +324,24 @@ def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
     rows = sum(stop - first for first, stop in spans)
     if len(spans) > _MOST_SHOCKS or rows > _MOST * len(away.rows):
         return []
-    return [_Group(axis, *span, *_swing(away, slice(*span), rate_hz)) for span in spans]
+    return [_group(axis, away, *span, rate_hz) for span in spans]
 
 
-def _swing(axis: _Away, part: slice, rate_hz: float) -> tuple[int, bool, bool]:
-    """Return how often rows change the side, whether they swing as no steady level does.
+def _group(axis: str, loud: _Away, first: int, stop: int, rate_hz: float) -> _Group:
+    """Return rows as a group: how often they change the side, whether they swing or are a pulse.
 
-    And whether they are a pulse: all on one side, over before the running median has followed, no
-    level that stays for a second, and higher than the level ever goes: else it is one of its hops.
+    What swings is no steady level. A pulse is all on one side, over before the running median has
+    followed, no level that stays for a second, and higher than the level ever goes: else it is one
+    of its hops.
     """
-    away = axis.rows[part]
+    away = loud.rows[first:stop]
     side = np.sign(away[np.abs(away) > _SIDE])
     rms, scatter = float(np.sqrt(np.mean(away**2))), float(np.std(away))
     turns = int(np.count_nonzero(np.diff(side)))
     rises = len(away) < _PULSE_S * rate_hz or scatter > max(_SIDE, _FLAT * rms)
-    high = float(np.median(np.abs(away))) > max(_LOUD, axis.wanders)
+    high = float(np.median(np.abs(away))) > max(_LOUD, loud.wanders)
     pulse = turns == 0 and rises and high and len(away) < _WINDOW_S / 2 * rate_hz
-    return turns, scatter > max(_SIDE, _SWINGS * rms), pulse
+    return _Group(axis, first, stop, turns, scatter > max(_SIDE, _SWINGS * rms), pulse)
 
 
 def _events(groups: list[_Group], rate_hz: float) -> list[tuple[int, int]]:

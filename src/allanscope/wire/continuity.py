@@ -170,9 +170,9 @@ class Continuity:
             return Gap(due, None)
         if missing == "back":
             return Gap("restarted", None)
-        if missing in {"repeat", 0}:
+        if missing == "repeat":
             return None
-        return Gap("link" if damaged else "device", missing)
+        return None if missing == 0 else Gap("link" if damaged else "device", missing)
 
     def accept(self, device_s: NDArray[np.float64]) -> int:
         """Accept rows of these times, without damage, up to the first that needs a closer look.

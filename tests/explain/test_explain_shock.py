@@ -255,3 +255,16 @@ def test_pulses_of_an_elevator_and_a_self_test_are_shocks_and_no_random_walk(ben
     assert single.kind == "shock"
     assert single.parameters["time"].value == pytest.approx(250.0, abs=0.1)
     assert single.parameters["duration"].value == pytest.approx(0.8, abs=0.1)
+
+
+def test_a_short_shock_is_loud_beside_louder_lines():
+    """Half sines of 70 ms beside two lines; N was 5 % too high, and one was a louder stretch."""
+    rng = np.random.default_rng(623)
+    t = np.arange(int(300.0 * RATE)) / RATE
+    late = (t - 160.0) / 0.07
+    bump = 25.0 * np.where((late > 0) & (late < 1), np.sin(np.pi * late), 0.0)
+    lines = 4.4 * np.sin(2 * np.pi * 23.4 * t) + 3.3 * np.sin(2 * np.pi * 11.1 * t + 1)
+    (found,) = shocks(rng.standard_normal(len(t)) + lines + bump)
+    assert found.first / RATE == pytest.approx(160.0, abs=0.1)
+    assert found.sigma["gx"] == pytest.approx(1.0, rel=0.05)
+    assert shocks(rng.standard_normal(len(t)) + lines) == []

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import get_workers
+from scipy.fft import get_workers, irfft, rfft
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.explain.burst_rows import Burst, find_bursts
@@ -65,6 +65,9 @@ _OF_ITS_ROWS, _OF_THE_REST = 0.5, 1.5
 are than as many rows elsewhere."""
 _PLACES, _MOST_ELSEWHERE = 400, 0.98
 """Where such rows are compared, and the quantile of their distances that is exceeded."""
+_BLOCK, _LINE, _SKIRT, _WIDEST = 128, 1e3, 8, 0.02
+"""Bins of which the median is the floor, power over it of a line, bins beside it that leak, and the
+share of all bins beyond which it is no line."""
 _AROUND = 2 * _MEANS[-1]
 """Rows on each side of the first loud one among which a shock begins."""
 
@@ -303,6 +306,7 @@ def _onset(squares: Array, first: int, stop: int, axes: int) -> tuple[float, flo
 def _away(x: Array, window: int, step: float) -> _Away | None:
     level = median_filter(x, window, mode="reflect")
     away = x - level
+    away -= _lines(away)
     sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(away))), 0.5 * step)
     if sigma <= 0:
         return None
@@ -311,6 +315,29 @@ def _away(x: Array, window: int, step: float) -> _Away | None:
     scales = [MAD_TO_SIGMA * float(np.median(np.abs(mean))) for mean in means]
     scaled = tuple(m / s for m, s in zip(means, scales, strict=True) if s > 0)
     return _Away(away / sigma, scaled, sigma, float(np.ptp(level)) / sigma)
+
+
+def _lines(away: Array) -> Array:
+    """Return the lines that are louder than all other noise together; zeros where none are.
+
+    Beside them no shock is loud. A shock that rings is wider than a line, and its bins stay.
+    """
+    spectrum = rfft(away)
+    power = np.abs(spectrum) ** 2
+    around = np.median(power[: len(power) // _BLOCK * _BLOCK].reshape(-1, _BLOCK), axis=1)
+    floor = np.repeat(around, _BLOCK)
+    floor = np.pad(floor, (0, len(power) - len(floor)), mode="edge")
+    peaks = np.flatnonzero(power > _LINE * np.maximum(floor, float(np.median(power))))
+    if not len(peaks) or power[peaks].sum() < power.sum() / 2:
+        return np.zeros(len(away))
+    near = np.unique(
+        np.clip(peaks[:, np.newaxis] + np.arange(-_SKIRT, _SKIRT + 1), 0, len(power) - 1)
+    )
+    if len(near) > _WIDEST * len(power):
+        return np.zeros(len(away))
+    kept = np.zeros_like(spectrum)
+    kept[near] = spectrum[near]
+    return np.asarray(irfft(kept, len(away)))
 
 
 def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:

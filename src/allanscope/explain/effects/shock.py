@@ -43,6 +43,8 @@ _LEVELS = 3.0
 """Standard errors from which the levels before and after a shock differ."""
 _FAR, _OUT = 6.0, 0.025
 """Standard errors within which the largest row of a shock is, and the chance of each side."""
+_LINED = 1.5
+"""Scatter of what lies beside a shock, in sigma, from which lines are a part of it."""
 _ROBUST = float(np.pi / 2)
 """Variance of a median over that of a mean."""
 
@@ -142,6 +144,8 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate:
     ring = shaken.rings.get(view.axis)
     if ring is None:
         size = np.abs(view.data[first:stop] - level)
+        if np.std(rest - level) > _LINED * sigma:  # a line goes on through it
+            size = np.abs(signal[first:stop])
         gain, off = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0))), _OFF_ROWS / rate
         lasts = Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s")
         peak = _peak(size, sigma, view.unit)

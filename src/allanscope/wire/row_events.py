@@ -209,8 +209,8 @@ class RowEvents:
         checks = self._plausibility.check(counts[agree])
         between = self._continuity
         lost = between.blank_losses(rows.blank_before)
-        again = _repeated(rows.values, self._last)
-        alone = ~agree | rows.damaged_before | (lost > 0) | (again & (between.lookahead > 1))
+        again = _Again(rows.values, self._last)
+        alone = ~agree | rows.damaged_before | (lost > 0) | again.rows(between.lookahead > 1)
         alone = np.append(np.flatnonzero(alone), len(rows))
         start = i = 0
         while i < len(rows):
@@ -222,7 +222,7 @@ class RowEvents:
                 continue
             row, agrees = rows.row(i), bool(agree[i])
             ahead = i + between.lookahead
-            missing = between.missing(row, rows.device_s[i + 1 : ahead + 1], bool(again[i]))
+            missing = between.missing(row, rows.device_s[i + 1 : ahead + 1], again.at(i))
             doubtful = agrees and between.needs_confirmation(row, missing)
             failed = not agrees and self._failed(interpretation, row)
             suspect = agrees and checks.next(row.damaged_before)
@@ -233,7 +233,7 @@ class RowEvents:
                 self._plausibility.update(counts[:i][agree[:i]])
                 self._last = rows.values[i - 1] if i else self._last
                 return rows[i:], not failed
-            twice = missing == "repeat" and agrees and bool(again[i])
+            twice = missing == "repeat" and agrees and again.at(i)
             doubtful = doubtful and missing != "repeat"
             unsound = not agrees or (doubtful and not between.is_confirmed(row, rows.row(i + 1)))
             if unsound or suspect or twice:
@@ -326,13 +326,28 @@ def _blank_remark(count: int) -> str:
     return f"the {count} rows before it have blank cells or NaN: lost samples"
 
 
-def _repeated(values: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which rows have the values of the row before, the first those of `last`."""
-    if len(last) != values.shape[1]:
-        last = np.full(values.shape[1], np.inf)
-    before = np.vstack([last, values[:-1]])
-    same = (values == before) | (np.isnan(values) & np.isnan(before))
-    return np.asarray(same.all(axis=1), np.bool_)
+class _Again:
+    """Which rows have the values of the row before, the first those of `last`."""
+
+    def __init__(self, values: NDArray[np.float64], last: NDArray[np.float64]) -> None:
+        self._values = values
+        self._last = last
+
+    def at(self, i: int) -> bool:
+        """Return whether row i has."""
+        before = self._values[i - 1] if i else self._last
+        return np.array_equal(self._values[i], before, equal_nan=True)
+
+    def rows(self, asked: bool) -> NDArray[np.bool_]:
+        """Return it of all rows, none if not asked: of a precise clock the time says it first."""
+        again = np.zeros(len(self._values), np.bool_)
+        if not asked:
+            return again
+        again[0] = self.at(0)
+        column = self._values[:, int(np.isfinite(self._values[0]).argmax())]
+        for i in (np.flatnonzero(column[1:] == column[:-1]) + 1).tolist():
+            again[i] = self.at(i)
+        return again
 
 
 def _even(times: list[float]) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.effects.step import NEAR_S
+from allanscope.explain.effects.step import NEAR_S, Step
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.view import View
@@ -139,12 +139,15 @@ class Relaxation(EffectKind):
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
     ) -> Candidate:
-        """Return sizes and time constant that a joint regression found."""
+        """Return sizes and time constant that a joint regression found; a step if none creeps."""
         lasting, creep, bend = amplitude.tolist()
         move = float(np.clip(bend / creep if creep else 0.0, -_LEAP, _LEAP))
         longest = _LONGEST * view.series.duration_s
         tc = float(np.clip(self.time_constant.value * np.exp(move), _SHORTEST_S, longest))
         error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        if abs(creep) < _CREEPS * error[1]:
+            step = Step(self.time, self.size)
+            return step.solved(view, candidate, amplitude[:1], covariance[:1, :1])
         both = covariance[0, 0] + covariance[1, 1] + 2.0 * covariance[0, 1]
         found = replace(
             self,

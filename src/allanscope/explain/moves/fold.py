@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 from allanscope.explain.effects.excursion import Excursion
+from allanscope.explain.effects.relaxation import Relaxation
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.step import Step
 from allanscope.explain.effects.unexplained import tones_left_over, united
@@ -34,9 +35,10 @@ def fold_sidebands(view: View, path: SearchPath) -> View:
 def fold_steps(view: View, path: SearchPath) -> View:
     """Return the view with an excursion in the place of two opposite steps, if it does as well.
 
-    The edges of a long box are found as steps. The box has a number less and pays once.
+    The edges of a long box are found as steps, the first one of a short box as a jump that creeps
+    back. The box has a number less and pays once.
     """
-    steps = [(c, c.effect) for c in view.accepted if isinstance(c.effect, Step)]
+    steps = [(c, c.effect) for c in view.accepted if isinstance(c.effect, Step | Relaxation)]
     for (one, first), (other, second) in combinations(steps, 2):
         if first.size.value * second.size.value > 0:
             continue

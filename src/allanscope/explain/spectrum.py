@@ -279,15 +279,13 @@ class StepScan:
         q = np.concatenate(
             [[0.0], weight[: self.cells] / (2 * np.sin(np.pi * k / (2 * grid.n))) ** 2]
         )
-        self._sum = np.asarray(dct(np.append(q[:-1], 2 * q[-1]), type=1)) / 2
+        cells = np.asarray(dct(np.append(q[:-1], 2 * q[-1]), type=1)) / 2
+        at = np.arange(grid.n + 1) * (self.cells / grid.n)
+        self._sum = np.interp(at, np.arange(self.cells + 1), cells)
 
     def _cosine_sum(self, u: Ints) -> Array:
-        """F at u samples, even with period 2 n; linear between the cells."""
-        u = np.abs(u) % (2 * self.n)
-        u = np.minimum(u, 2 * self.n - u)
-        return np.asarray(
-            np.interp(u * (self.cells / self.n), np.arange(self.cells + 1), self._sum)
-        )
+        """F at u samples, 0 to 2 n, even about n; linear between the cells."""
+        return np.asarray(self._sum[np.minimum(u, 2 * self.n - u)])
 
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""

@@ -30,6 +30,7 @@ def minimise(
     x_within: float = 1e-4,
     within: float = 1e-4,
     turns: int | None = None,
+    until: Callable[[Array], bool] | None = None,
 ) -> Minimum:
     """Find a minimum without derivatives (Nelder and Mead, Computer Journal 7, 1965).
 
@@ -45,6 +46,8 @@ def minimise(
         Distance of the corners, and difference of the losses there, at which it ends.
     turns : int, optional
         Most of them; 200 k by default.
+    until : callable, optional
+        Of the best corner, after each turn: where it is true no one needs the minimum any more.
 
     Examples
     --------
@@ -56,8 +59,13 @@ def minimise(
 
     if steps is None:
         steps = np.diag(np.where(first != 0, 0.05 * first, 0.00025))
+
+    def ended(best: Array) -> None:
+        if until is not None and until(best):
+            raise StopIteration
+
     found = minimize(
-        loss, first, method="Nelder-Mead",
+        loss, first, method="Nelder-Mead", callback=ended if until else None,
         options={
             "xatol": x_within, "fatol": within, "maxiter": turns or 200 * len(first),
             "initial_simplex": np.vstack([first, first + steps]),

@@ -57,6 +57,8 @@ _PARTS = 256
 """Of a record, whose powers tell how uneven its noise is."""
 _FINEST_HZ = 1e-8
 """Narrowest band: below it is a constant line."""
+_NARROWEST, _COLLAPSED = 1.5, 0.5
+"""Ordinates below which a band is as wide as a line, and below which a fit will not return."""
 _ROUNDS = 3
 """Times that window and band are found from each other."""
 _HOPELESS = 0.5
@@ -373,15 +375,21 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     excess = view.squares[start : start + width] - view.spectrum.ordinates[start : start + width]
     point = np.array([0.0, np.log(max(float(excess.sum()) / grid.n, 1e-30)), f0, np.log(w)])
     beside: Beside = view.spectrum.at
+
+    def is_line(at: Array) -> bool:
+        return bool(np.exp(at[3]) < _COLLAPSED * unit)
+
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
         window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
         spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
         x_within = 1e-3 * float(np.exp(point[3]))
-        found = minimise(window.loss, point, spread, x_within=x_within, within=1e-3, turns=500)
+        found = minimise(
+            window.loss, point, spread, x_within=x_within, within=1e-3, turns=500, until=is_line
+        )
         point = found.x
         f0, w = float(point[2]), float(np.exp(point[3]))
-        if w < 1.5 * unit or w > _BROADEST * f0:
+        if w < _NARROWEST * unit or w > _BROADEST * f0:
             return None
         band = shape(f0, w)
         whole = view.spectrum_with(band)

@@ -189,5 +189,6 @@ def interleaved_signal(view: View, signals: Array, gain: float) -> HeldOut:
         Gain of the fit from which the optimism is taken off.
     """
     columns = dct(signals - signals.mean(axis=1, keepdims=True), axis=1, norm="ortho")[:, 1:]
-    fit = Regression(np.empty(0), np.empty(0), view.spectrum, gain)
+    noise = view.fitter, view.power, view.spectrum.powers
+    fit = Regression(np.empty(0), np.empty(0), gain, *noise)
     return interleaved(view, fit, columns, recurs=True)

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.spectrum import Spectrum
+from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
+from allanscope.lazy import once
 from allanscope.noise.grid import Grid
 from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
@@ -49,7 +50,7 @@ _SETTLED = 3e-3
 """Largest relative change of a time constant in the last turn."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Regression:
     """Amplitudes of given signals with the noise refitted.
 
@@ -57,16 +58,25 @@ class Regression:
     ----------
     amplitude : ndarray, shape (p,)
     covariance : ndarray, shape (p, p)
-    spectrum : Spectrum
-        The noise beside the signals.
     gain : float
         Log-likelihood against no signal, both at their own best noise.
+    fitter : SpectrumFitter
+        What fits the noise.
+    power, powers : ndarray
+        Mean square of every bin without the signals, and the squared amplitudes fitted to it.
     """
 
     amplitude: Array
     covariance: Array
-    spectrum: Spectrum
     gain: float
+    fitter: SpectrumFitter
+    power: Array
+    powers: Array
+
+    @once
+    def spectrum(self) -> Spectrum:
+        """The noise beside the signals."""
+        return self.fitter.spectrum(self.power, self.powers)
 
 
 def ordinates_of(signal: Array) -> Array:
@@ -76,9 +86,15 @@ def ordinates_of(signal: Array) -> Array:
 
 def step_ordinates(grid: Grid, at: int, size: int) -> Array:
     """First ordinates of a unit step at sample `at`, in closed form."""
-    k = np.arange(1, size + 1)
-    angle = np.pi * k / grid.n
-    return np.asarray(-np.sqrt(2 / grid.n) * np.sin(angle * at) / (2 * np.sin(angle / 2)))
+    angle, twice_sine = _angles(grid, size)
+    return np.asarray(-np.sqrt(2 / grid.n) * np.sin(angle * at) / twice_sine)
+
+
+@lru_cache(maxsize=4)
+def _angles(grid: Grid, size: int) -> tuple[Array, Array]:
+    """Return the phase of the first cosines from one sample to the next, and 2 sin of its half."""
+    angle = np.pi * np.arange(1, size + 1) / grid.n
+    return angle, 2 * np.sin(angle / 2)
 
 
 @lru_cache(maxsize=64)  # every axis is searched for the same few time constants
@@ -128,9 +144,7 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
         powers, loglik = fitter.powers(power, powers)
         if abs(loglik - before) < 1e-3:
             break
-    spectrum = fitter.spectrum(power, powers)
-    gain = spectrum.loglik - null.loglik
-    return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, gain)
+    return Regression(amplitude, covariance, loglik - null.loglik, fitter, power, powers)
 
 
 def _inverse(normal: Array) -> Array:
@@ -149,13 +163,13 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     again, has dropped as far as it does at 95 %, and the covariance is scaled to reach there.
     """
     m, power = columns.shape[1], view.power.copy()
-    kept, d = fit.spectrum.kept[:m].astype(np.float64), view.ordinates[:m]
+    kept, d = view.spectrum.kept[:m].astype(np.float64), view.ordinates[:m]
     binned = _low_bins(view.grid, kept)
 
     def loglik(amplitude: Array) -> float:
         means = binned((d - amplitude @ columns) ** 2)
         power[: len(means)] = means
-        return view.fitter.loglik(power, fit.spectrum.powers)
+        return view.fitter.loglik(power, fit.powers)
 
     top = loglik(fit.amplitude)
 

@@ -57,9 +57,12 @@ class Likelihood:
         self.evidence = tuple(evidence)
         self.power = np.concatenate([part.power for part in evidence])
         self.dof = np.concatenate([part.dof for part in evidence])
+
+    @once
+    def _tiny(self) -> float:
+        """Floor of an expected power, so that a likelihood is finite for every model."""
         middle = len(self.power) // 2
-        # Floor of an expected power, so that a likelihood is finite for every model.
-        self._tiny = max(1e-12 * float(np.partition(self.power, middle)[middle]), 1e-300)
+        return max(1e-12 * float(np.partition(self.power, middle)[middle]), 1e-300)
 
     def column(self, model: NoiseModel, component: Component) -> Array:
         """Return the expected powers of a component behind the filters of a model."""

@@ -288,12 +288,14 @@ def _slow_lines(view: View) -> list[float]:
     m = view.grid.low
     weight = view.spectrum.kept[:m] / view.spectrum.first(m)
     d = view.ordinates[:m]
-    scores = []
+    normal, right = [], []
     for c in cycles:
         pair = _slow_pair(view.grid, c / duration)
-        normal = (pair * weight) @ pair.T
-        right = (pair * weight) @ d
-        scores.append(0.5 * float(right @ np.linalg.pinv(normal, hermitian=True) @ right))
+        weighted = pair * weight
+        normal.append(weighted @ pair.T)
+        right.append(weighted @ d)
+    inverse = np.linalg.pinv(np.array(normal), hermitian=True)
+    scores = [0.5 * float(own @ known @ own) for own, known in zip(right, inverse, strict=True)]
     order = np.argsort(scores)[::-1]
     price = np.log(0.75 * n / ALPHA)
     found = []

@@ -20,7 +20,6 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
-    Regression,
     exponential_ordinates,
     joint_fit,
     marginal_covariance,
@@ -172,7 +171,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     jacobian = np.vstack([_column(view, tc)[0], amplitude * _derivative(view, tc)])
     weight = spectrum.kept[:m] / spectrum.first(m)
     covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
-    found = Regression(np.array([amplitude, 0.0]), covariance, spectrum, fit.gain)
+    found = replace(fit, amplitude=np.array([amplitude, 0.0]), covariance=covariance)
     covariance = marginal_covariance(view, jacobian, found)
     error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
     effect = _warm_up(view, tc, amplitude, float(error), float(log_error))

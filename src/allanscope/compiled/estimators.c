@@ -2,6 +2,8 @@
 
 #include "kernels.h"
 
+enum { WINDOWS = 4 };
+
 /* Sum of (x[i] - 2 x[i+m] + x[i+2m])^2, i = 0, stride, ... */
 KERNEL(double, squares_of_second)(const double *x, int64_t n, int64_t m, int64_t stride) {
     double total = 0.0;
@@ -104,27 +106,44 @@ KERNEL(double, reflected_squares)
     return total;
 }
 
+/* THEO1's sums over `count` windows begun at every `stride` from i on: side by side, because each
+   waits for its own last sum. */
+static inline void theo1_windows(
+    const double *x, const double *backward, const double *weight, int64_t n, int64_t m, int64_t i,
+    int64_t stride, int count, double *squares) {
+    int64_t half = m / 2, v = 0;
+    lanes in_lanes[WINDOWS];
+    for (int w = 0; w < count; w++) in_lanes[w] = (lanes){0.0};
+    for (; v + LANES <= half; v += LANES)
+        for (int w = 0; w < count; w++) {
+            int64_t at = i + w * stride;
+            lanes term = (x[at] + x[at + m]) - *(const lanes *)(x + at + 1 + v)
+                         - *(const lanes *)(backward + (n - m - at) + v);
+            in_lanes[w] += *(const lanes *)(weight + v) * (term * term);
+        }
+    for (int w = 0; w < count; w++) {
+        int64_t at = i + w * stride;
+        squares[w] = sum_of(in_lanes[w]);
+        for (int64_t k = v; k < half; k++) {
+            double term = (x[at] + x[at + m]) - x[at + 1 + k] - backward[n - m - at + k];
+            squares[w] += weight[k] * (term * term);
+        }
+    }
+}
+
 /* THEO1's sum: x read forwards and `backward`, weights 1/v. */
 KERNEL(double, theo1_squares)
 (const double *x, const double *backward, const double *weight, int64_t n, int64_t m,
  int64_t stride) {
-    int64_t half = m / 2;
-    double total = 0.0;
-    for (int64_t i = 0; i < n - m; i += stride) {
-        double ends = x[i] + x[i + m];
-        const double *left = x + i + 1, *right = backward + (n - m - i);
-        lanes in_lanes = {0.0};
-        int64_t v = 0;
-        for (; v + LANES <= half; v += LANES) {
-            lanes term = ends - *(const lanes *)(left + v) - *(const lanes *)(right + v);
-            in_lanes += *(const lanes *)(weight + v) * (term * term);
-        }
-        double squares = sum_of(in_lanes);
-        for (; v < half; v++) {
-            double term = ends - left[v] - right[v];
-            squares += weight[v] * (term * term);
-        }
-        total += squares;
+    double total = 0.0, squares[WINDOWS];
+    int64_t i = 0;
+    for (; i + (WINDOWS - 1) * stride < n - m; i += WINDOWS * stride) {
+        theo1_windows(x, backward, weight, n, m, i, stride, WINDOWS, squares);
+        for (int w = 0; w < WINDOWS; w++) total += squares[w];
+    }
+    for (; i < n - m; i += stride) {
+        theo1_windows(x, backward, weight, n, m, i, stride, 1, squares);
+        total += squares[0];
     }
     return total;
 }

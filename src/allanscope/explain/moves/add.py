@@ -165,7 +165,7 @@ def add_beside(
 
 _MOST = 6
 """Most effects of a bundle."""
-_HOPELESS, _NEARLY = 30.0, 8.0
+_HOPELESS, _NEARLY = 15.0, 8.0
 """Nats that may be missing for a bundle to be continued, and to be fitted in earnest."""
 _PROMISING = 5.0
 """Gain in nats below which nothing is worth looking behind."""

@@ -60,8 +60,8 @@ def minimise(
     if steps is None:
         steps = np.diag(np.where(first != 0, 0.05 * first, 0.00025))
 
-    def ended(best: Array) -> None:
-        if until is not None and until(best):
+    def ended(xk: Array) -> None:
+        if until is not None and until(xk):
             raise StopIteration
 
     found = minimize(

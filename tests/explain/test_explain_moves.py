@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from allanscope.explain import Budget
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, ResidualError
-from allanscope.explain.effects import KINDS
+from allanscope.explain.effects import KINDS, narrowband
 from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
@@ -24,6 +24,7 @@ from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, refuse
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.refit import refit
+from allanscope.explain.regression import ordinates_of
 from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
@@ -288,3 +289,32 @@ def test_slow_signals_are_weighed_as_the_spectrum_of_the_fit_weighs_them(
         np.testing.assert_allclose(
             view.fitter.first(view.spectrum.powers, m), view.spectrum.first(m), rtol=1e-12
         )
+
+
+def test_a_search_for_a_band_is_left_where_it_has_become_a_line(monkeypatch) -> None:
+    looked = []
+
+    def counted(window: narrowband._Window, point: Array) -> float:
+        looked[-1] += 1
+        return loss(window, point)
+
+    loss = narrowband._Window.loss
+    monkeypatch.setattr(narrowband._Window, "loss", counted)
+    view = view_of(noise(4))
+    (first, width), *_ = narrowband._runs(view)
+    for collapsed in (narrowband._COLLAPSED, 0.0):
+        looked.append(0)
+        monkeypatch.setattr(narrowband, "_COLLAPSED", collapsed)
+        assert narrowband._fit_shape(view, first, width, narrowband._resonance) is None
+    assert looked[0] < 0.3 * looked[1]
+
+
+def test_what_a_scan_says_of_a_step_is_its_score_and_information() -> None:
+    """The information of every box is that of its ordinates under the fitted noise."""
+    view = view_of(noise(12))
+    first, last = np.array([1000, 17, 2500]), np.array([1200, 5000, 5990])
+    variance = view.spectrum.ordinates
+    for gain, a, b in zip(view.scan.box(first, last), first, last, strict=True):
+        box = ordinates_of(((a / RATE - 1e-9 <= TIME) & (b / RATE - 1e-9 > TIME)).astype(float))
+        score, information = np.sum(box * view.ordinates / variance), np.sum(box**2 / variance)
+        assert gain == pytest.approx(score**2 / information / 2, rel=1e-3)

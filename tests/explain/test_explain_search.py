@@ -13,6 +13,7 @@ from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import left_over
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
+from allanscope.history import Record
 
 RATE, SIGMA, LSB = 52.0, 4e-3 * 52.0**0.5, 4.375e-3
 
@@ -32,6 +33,22 @@ def faster(record, factor):
 
 
 # Ending
+
+
+def test_slow_effects_that_hide_each_other_are_found_together():
+    """None pays for itself while the others are there; after the second 7 nats are missing."""
+    rate, rng = 20.0, np.random.default_rng(19)
+    t = np.arange(36_000) / rate
+    boxes = sum(
+        size * ((t > begin) & (t < end))
+        for size, begin, end in ((1.3, 500, 600), (-1.3, 900, 1050), (1.3, 1300, 1400))
+    )
+    level = 4e-3 * (1.5 * np.exp(-t / 200) + boxes)
+    rows = rng.normal(0, 4e-3 * rate**0.5, len(t)) + level
+    where = np.full(len(t), np.nan), t, np.array([[0, len(t)]])
+    record = Record(rate, 1, ("gx",), rows[:, np.newaxis].round(3), (1e-3,), *where)
+    path = explain(record).axes["gx"].path
+    assert sum(step.move == "add bundle" for step in path) >= 3
 
 
 def test_a_broad_resonance_far_above_the_floor_is_one_band(bench):

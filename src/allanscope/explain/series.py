@@ -172,6 +172,11 @@ class Series:
         return {}
 
     @once
+    def repeats(self) -> dict[str, tuple[float, float, float] | None]:
+        """What `RepeatedSamples` counted on each axis, whatever else is found there."""
+        return {}
+
+    @once
     def equal(self) -> NDArray[np.bool_]:
         """Which rows equal the row before, for every axis, shape (n - 1, axes).
 

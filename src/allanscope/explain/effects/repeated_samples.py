@@ -95,7 +95,10 @@ class RepeatedSamples(EffectKind):
         moving = list(coincidence.moving)
         if column not in moving:
             return []
-        found = _alone(view, equal[:, column])
+        counted = view.series.repeats
+        if view.axis not in counted:
+            counted[view.axis] = _alone(view, equal[:, column])
+        found = counted[view.axis]
         axes: tuple[str, ...] = (view.axis,)
         if len(moving) > 1:
             together = _together(equal[:, moving], coincidence)

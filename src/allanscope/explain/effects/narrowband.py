@@ -376,8 +376,11 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     point = np.array([0.0, np.log(max(float(excess.sum()) / grid.n, 1e-30)), f0, np.log(w)])
     beside: Beside = view.spectrum.at
 
-    def is_line(at: Array) -> bool:
-        return bool(np.exp(at[3]) < _COLLAPSED * unit)
+    price = _looked_at(view) - float(np.log(ALPHA))
+
+    def is_line(at: Array) -> bool:  # a loud tone may be a band again
+        narrow = np.exp(at[3]) < _COLLAPSED * unit
+        return bool(narrow and window.flat() - window.loss(at) < price)
 
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.

@@ -100,7 +100,7 @@ def test_terminal_tables_report_and_json_show_it_beside_the_whole() -> None:
     rows = [row for row in narrow.file.getvalue().splitlines() if row.startswith("undisturbed ")]
     assert len(rows) == 6
     assert all("±" in row and "[" not in row for row in rows), "errors, as of the whole run"
-    assert "gx, 10 min to 1 h" in coefficients_table(analysis)
+    assert "gx undisturbed, 10 min to 1 h" in coefficients_table(analysis)
     page = render(analysis)
     assert page.count('<tr class="quiet"><td>undisturbed</td>') == 6
     assert "10 min to 1 h, the longest stretch" in page

@@ -241,8 +241,8 @@ def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis], quiet: Undisturbe
         if quiet is not None and name in quiet.axes:
             known = quiet.axes[name]
             cells = [coefficient_text(unit, k, known.get(k)) for k in MAIN_LETTERS]
-            when = f"{name}, {duration(quiet.begin_s)} to {duration(quiet.end_s)}"
-            rows.append((when, *cells, "", "undisturbed"))
+            when = f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}"
+            rows.append((f"{name} undisturbed, {when}", *cells, "", ""))
     return _table(head, rows)
 
 

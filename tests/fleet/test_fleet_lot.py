@@ -383,7 +383,7 @@ def test_the_odd_unit_is_named_with_its_reason(lot: Lot) -> None:
     assert {(one.unit, one.axis) for one in named} == {(ODD, "gx")}
     assert "N is 2." in named[0].reason
     verdict = lot_verdict(lot, named, [], {})
-    assert (verdict.grade, verdict.title) == ("bad", "1 of 12 units stand out")
+    assert (verdict.grade, verdict.title) == ("bad", "1 of 12 units stands out")
     told = {line.head: line.text for line in verdict.lines}
     assert told[verdict.title] == f"{ODD}; 12 units, 36 recordings, 2 axes"
     assert told["model"] == "2 of 72 axes of runs are not explained at 1 %; chance alone gives 0.72"

@@ -64,8 +64,8 @@ def test_a_fleet_reads_from_s3_and_writes_there(
     ended = command(f"{bench}/**/*.mcap", "--out", out)
     assert ended.stdout.splitlines() == [
         "3 recordings analysed; 1 failed",
-        f"{out}/lot.parquet",
-        f"{out}/lot.html",
+        f"Saved: {out}/lot.parquet",
+        f"Saved: {out}/lot.html",
     ], ended.stderr
     assert ended.returncode == 3
     assert f"{bench}/two/bad.mcap is not an MCAP file" in ended.stderr

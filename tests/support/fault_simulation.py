@@ -327,7 +327,7 @@ class View:
 
     def start(self) -> None: ...
 
-    def promise(self, *_: object) -> str:
+    def size_notice(self, *_: object) -> str:
         return ""
 
     def _called(self, *_: object) -> None:

@@ -231,7 +231,7 @@ class RowEvents:
                 self._block(rows[start:i], counts[start:i], events)
                 self._interpretation = None if failed else interpretation
                 self._plausibility.update(counts[:i][agree[:i]])
-                self._last = rows.values[i - 1] if i else self._last
+                self._last = rows.values[i - 1].copy() if i else self._last
                 return rows[i:], not failed
             twice = missing == "repeat" and agrees and again.at(i)
             doubtful = doubtful and missing != "repeat"
@@ -251,7 +251,7 @@ class RowEvents:
             i += 1
         self._block(rows[start:], counts[start:], events)
         self._plausibility.update(counts[agree])
-        self._last = rows.values[-1]
+        self._last = rows.values[-1].copy()  # and not all the rows
         return None, False
 
     def _explain_gap(self, row: Row, back: bool, blank: int, events: list[Event]) -> None:

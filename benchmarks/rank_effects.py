@@ -133,6 +133,17 @@ class Hider:
         size = self.scale(shape) * self.sign()
         return self.hidden("step", {"time": at, "size": size}, size * shape, places={"time": 40.0})
 
+    def relaxation(self) -> Hidden:
+        """Let a jump creep back, all of the way or to six tenths of it."""
+        self.d *= 2.0
+        at, tc = self.rng.uniform(0.1, 0.6) * self.duration, self.between(6.0, 0.15 * self.duration)
+        lasting = self.rng.uniform(0.0, 0.6)
+        creep = np.exp(-np.maximum(self.t - at, 0.0) / tc)
+        shape = np.where(self.t >= at, lasting + (1.0 - lasting) * creep, 0.0)
+        size = self.scale(shape) * self.sign()
+        truth = {"time": at, "size": size, "time_constant": tc, "lasting": lasting * size}
+        return self.hidden("relaxation", truth, size * shape, places={"time": 40.0})
+
     def excursion(self) -> Hidden:
         at = self.rng.uniform(0.1, 0.75) * self.duration
         length = self.between(6.0, 0.1 * self.duration)

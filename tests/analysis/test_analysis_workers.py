@@ -1,11 +1,14 @@
-"""The result does not depend on who computes its curves."""
+"""The result does not depend on who computes its curves, and nobody is left waiting."""
 
 from unittest import mock
 
 import numpy as np
+import pytest
 
 from allanscope.analysis import Analyser, summarise
 from allanscope.analysis.curves import curves_of_bank
+from allanscope.errors import InputError
+from allanscope.pipeline import DeviceSettings, analyse_file, analyse_input
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerProcess
@@ -28,3 +31,28 @@ def test_curves_are_computed_by_a_worker_or_here_if_it_has_ended():
         worker.close()
         assert result(worker).to_dict() == here.to_dict()
     assert there.to_dict() == here.to_dict()
+
+
+def test_a_process_that_loads_while_a_file_is_read_changes_nothing_and_ends(tmp_path, monkeypatch):
+    started = []
+
+    class Watched(WorkerProcess):
+        def __init__(self, preload=""):
+            super().__init__(preload)
+            started.append(self)
+
+    monkeypatch.setattr(analyse_file, "usable_processes", lambda: 2)
+    monkeypatch.setattr(analyse_file, "WorkerProcess", Watched)
+    path, empty = tmp_path / "rows.csv", tmp_path / "empty.csv"
+    rows = np.random.default_rng(6).normal(0.0, 0.04, (7000, 2)).round(6)
+    path.write_text("gx,gy\n" + "".join(f"{x},{y}\n" for x, y in rows))
+    empty.write_text("gx,gy\n" + "nan,nan\n" * 20)
+    device = DeviceSettings(rate_hz=104.0)
+    plain = analyse_input(path, device, quiet=True)
+    assert not started, "a short file is read before a process has started"
+    monkeypatch.setattr(analyse_file, "LONG", 0)
+    assert analyse_input(path, device, quiet=True).to_dict() == plain.to_dict()
+    with pytest.raises(InputError):
+        analyse_input(empty, device, quiet=True)
+    assert len(started) == 2
+    assert all(one._process.poll() is not None for one in started)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view import progress
+from allanscope.worker_process import WorkerProcess
 
 if TYPE_CHECKING:
     from allanscope.analysis import Analysis
@@ -31,6 +33,9 @@ FEWEST = 5
 
 FULL_BUFFERED = 1 << 17
 """Rows that it sums up at a time: 20 ms of work for each of two cores."""
+
+LONG = 1 << 20
+"""Bytes of a file from which a process to search beside this one loads while the file is read."""
 
 
 def analyse_input(
@@ -62,28 +67,35 @@ def analyse_input(
     facts = {"name": path.name, "path": str(path)}
     if is_table_file(path):
         return _analyse_table(path, device, facts, quiet, curves)
-    fingerprint = None
+    fingerprint, file = None, path
     if path.is_dir() or is_recording(path):
         fingerprint, recording = Fingerprint(), Recording(path)
+        file = recording.path
         facts |= recorded_facts(recording)
         device = recorded_settings(recording, device)
     decoding = Decoding(device.for_wire(), device.wire)
     settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
     analyser = Analyser(settings)
-    feed_analyser(
-        path, decoding, analyser, quiet, on_buffer=fingerprint.add if fingerprint else None
-    )
-    if analyser.state is None or not analyser.state.samples:
-        why = analyser.errors[0] if analyser.errors else "nothing to analyse"
-        raise InputError(f"{path} contains no samples; {why}")
-    _require_rate(path, analyser)
-    facts["wire"] = decoding.wire
-    if fingerprint is not None:
-        facts["sha256"] = fingerprint.hexdigest()
-    from allanscope.analysis import summarise  # half of all that is loaded
+    with ExitStack() as stack:
+        workers = []
+        if settings.processes > 1 and file.stat().st_size > LONG:
+            workers.append(stack.enter_context(WorkerProcess("allanscope.analysis.summary")))
+        feed_analyser(
+            path, decoding, analyser, quiet, on_buffer=fingerprint.add if fingerprint else None
+        )
+        if analyser.state is None or not analyser.state.samples:
+            why = analyser.errors[0] if analyser.errors else "nothing to analyse"
+            raise InputError(f"{path} contains no samples; {why}")
+        _require_rate(path, analyser)
+        facts["wire"] = decoding.wire
+        if fingerprint is not None:
+            facts["sha256"] = fingerprint.hexdigest()
+        from allanscope.analysis import summarise  # half of all that is loaded
 
-    with progress(None, "searching for effects", quiet=quiet):
-        analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+        with progress(None, "searching for effects", quiet=quiet):
+            analysis = summarise(
+                analyser, decoding.stats, "full", facts, decoding.reconnects, workers=workers
+            )
     return _require_curve(path, analysis)
 
 

@@ -78,7 +78,7 @@ def analyse_input(
     analyser = Analyser(settings)
     with ExitStack() as stack:
         workers = []
-        if settings.processes > 1 and file.stat().st_size > LONG:
+        if settings.processes > 1 and _is_long(file):
             workers.append(stack.enter_context(WorkerProcess("allanscope.analysis.summary")))
         feed_analyser(
             path, decoding, analyser, quiet, on_buffer=fingerprint.add if fingerprint else None
@@ -97,6 +97,14 @@ def analyse_input(
                 analyser, decoding.stats, "full", facts, decoding.reconnects, workers=workers
             )
     return _require_curve(path, analysis)
+
+
+def _is_long(file: Path) -> bool:
+    """Return whether it takes a while to read a file; what is wrong with it says who opens it."""
+    try:
+        return file.stat().st_size > LONG
+    except (OSError, ValueError):
+        return False
 
 
 def _require_curve(path: Path, analysis: Analysis) -> Analysis:

@@ -99,15 +99,20 @@ def _angles(grid: Grid, size: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)  # every axis is searched for the same few time constants
 def exponential_ordinates(grid: Grid, tau: float, size: int) -> Array:
-    """First ordinates of exp(-t / tau), in closed form."""
-    k = np.arange(1, size + 1)
-    angle = np.pi * k / grid.n
-    phi = np.exp(-1 / (tau * grid.rate_hz))
-    last = np.exp(-grid.n / (tau * grid.rate_hz)) * np.cos(np.pi * k)
-    total = np.exp(0.5j * angle) * (1 - last) / (1 - phi * np.exp(1j * angle))
-    found = np.asarray(np.sqrt(2 / grid.n) * total.real)
+    """First ordinates of exp(-t / tau)."""
+    found = relaxing_ordinates(grid, 0, tau, size)
     found.flags.writeable = False
     return found
+
+
+def relaxing_ordinates(grid: Grid, at: int, tau: float, size: int) -> Array:
+    """First ordinates of exp(-(t - t0) / tau) from sample `at` on, in closed form."""
+    angle, _ = _angles(grid, size)
+    phi = np.exp(-1 / (tau * grid.rate_hz))
+    end = np.cos(np.pi * np.arange(1, size + 1)) * np.exp(-1j * angle * at)
+    last = np.exp(-(grid.n - at) / (tau * grid.rate_hz)) * end
+    total = np.exp(1j * angle * (at + 0.5)) * (1 - last) / (1 - phi * np.exp(1j * angle))
+    return np.asarray(np.sqrt(2 / grid.n) * total.real)
 
 
 def ramp_ordinates(grid: Grid, size: int) -> Array:

@@ -10,21 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects import EffectKind
-from allanscope.explain.effects.step import NEAR_S, Step
+from allanscope.explain.effects.step import EDGE_S, Jump, Step
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
+from allanscope.explain.regression import (
+    joint_fit,
+    marginal_covariance,
+    relaxing_ordinates,
+    step_ordinates,
+)
 from allanscope.explain.view import View
-from allanscope.noise.grid import Grid
-from allanscope.noise.selection import calibrated_penalty
 from allanscope.optimise import minimise_between
+from allanscope.quantities import CHI_SQUARE_95
 
 Array = NDArray[np.float64]
 
@@ -34,36 +38,24 @@ _LONGEST = 0.3
 """Longest time constant, as a share of the record."""
 _BANK = 10
 """Time constants tried, equally far apart in their logarithm; each is paid for."""
-_EDGE_S = 5.0
 _LEAST_STEP = 10.0
 """Gain of a bare step, in nats, below which no instant is worth a time constant."""
 _STEP, _LEAP = 0.02, 0.4
 """Of ln tau: over which derivatives are taken, and the most that it moves in one turn."""
 _CREEPS = 4.0
 """Standard errors that the creeping part is at least: else it is a step."""
-_PENALTY, _PENALTY_S = calibrated_penalty("step"), 1200.0
 
 
 @dataclass(frozen=True)
-class Relaxation(EffectKind):
+class Relaxation(Jump):
     """A jump that relaxes exponentially."""
 
-    time: Estimate
-    size: Estimate
     time_constant: Estimate
     lasting: Estimate
 
     kind = "relaxation"
     meaning = "the level jumps once and relaxes exponentially"
     phrase = "jump at {event}, {size}, relaxing with {time_constant}"
-    motion = "shift"
-    acts_fast = False
-    is_slow = True
-    is_piecewise = True
-    sized_by = "size"
-    located_by = "time"
-    shared_by = "time"
-    excluded_by = frozenset({"high_pass"})  # no level lasts behind it
     confused_with: ClassVar[Mapping[str, str]] = {
         "step": "does not bend",
         "excursion": "comes back at once",
@@ -83,21 +75,10 @@ class Relaxation(EffectKind):
         """Time constant."""
         return self.time_constant.value
 
-    def is_same(self, other: Self, grid: Grid) -> bool:
-        """Return whether another jump is the same hypothesis."""
-        del grid
-        return abs(self.time.value - other.time.value) < NEAR_S
-
-    def from_end_s(self, view: View) -> float:
-        """Return how far from an end of the record the jump is."""
-        return min(self.time.value, view.series.duration_s - self.time.value)
-
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan the whole record for a step, and give it time constants."""
-        n, rate = view.grid.n, view.grid.rate_hz
-        edge, longest = int(_EDGE_S * rate), _LONGEST * view.series.duration_s
-        at = np.arange(edge, n - edge, max(1, n // view.grid.low))
+        at, longest = cls.places(view), _LONGEST * view.series.duration_s
         if len(at) == 0 or longest < 2 * _SHORTEST_S:
             return []
         statistic = view.scan.step(at)
@@ -111,11 +92,11 @@ class Relaxation(EffectKind):
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate instant, sizes and time constant again."""
-        return self._near(view, self._row(view), self.time_constant.value)
+        return self._near(view, self.row(view), self.time_constant.value)
 
     def signal(self, view: View) -> Array:
         """Return the jump and its relaxation."""
-        since = (np.arange(view.grid.n) - self._row(view)) / view.grid.rate_hz
+        since = (np.arange(view.grid.n) - self.row(view)) / view.grid.rate_hz
         creep = self.size.value - self.lasting.value
         level = self.lasting.value + creep * np.exp(
             -np.maximum(since, 0.0) / self.time_constant.value
@@ -129,12 +110,12 @@ class Relaxation(EffectKind):
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge both amplitudes by interleaved blocks."""
         del candidate
-        columns = _pair(view, self._row(view), self.time_constant.value)
+        columns = _pair(view, self.row(view), self.time_constant.value)
         return interleaved(view, joint_fit(view, columns), columns, slow=True)
 
     def columns(self, view: View) -> Array:
         """Return the ordinates of step and exponential, and what the latter changes by ln tau."""
-        return _columns(view, self._row(view), self.time_constant.value)
+        return _columns(view, self.row(view), self.time_constant.value)
 
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
@@ -157,9 +138,6 @@ class Relaxation(EffectKind):
         )
         return replace(candidate, effect=found, signal=found.signal(view))
 
-    def _row(self, view: View) -> int:
-        return round(self.time.value * view.grid.rate_hz)
-
     @classmethod
     def _near(cls, view: View, row: int, tc: float) -> Candidate | None:
         """Fit instant and time constant in turn near given ones; None where nothing creeps."""
@@ -168,9 +146,7 @@ class Relaxation(EffectKind):
         for reach in (int(max(2 * rate, 4 * grid.n / grid.low)), int(rate), 20):
             row, early, late = _place(view, row, tc, reach)
             best, _ = minimise_between(
-                lambda x, at=row: (
-                    -joint_fit(view, _pair(view, at, float(np.exp(x))), rounds=5).gain
-                ),  # type: ignore[misc]
+                partial(_loss, view, row),
                 float(np.log(max(tc / 2.0, _SHORTEST_S))),
                 float(np.log(min(tc * 2.0, longest))),
                 within=0.01,
@@ -183,28 +159,23 @@ class Relaxation(EffectKind):
         if abs(amplitude[1]) < _CREEPS * float(np.sqrt(covariance[1, 1])):
             return None
         time = Estimate(row / rate, (early - 1) / rate, (late + 0.5) / rate, "s")
-        length = max(view.series.duration_s / _PENALTY_S, 1.0)
-        searched = _PENALTY + float(np.log(length) + np.log(ALPHA)) + float(np.log(_BANK))
+        searched = cls.looked_at(view) + float(np.log(_BANK))
         none = Estimate(1.0, unit=view.unit)
         bare = Candidate(cls(time, none, Estimate(tc, unit="s"), none), fit.gain, searched)
         return bare.effect.solved(view, bare, amplitude, covariance)
 
 
-def _exponential(view: View, row: int, tc: float) -> Array:
-    """First ordinates of exp(-(t - t0) / tau) from a row on, in closed form."""
-    grid = view.grid
-    k = np.arange(1, grid.low + 1)
-    angle = np.pi * k / grid.n
-    decay = np.exp(-1.0 / (tc * grid.rate_hz))
-    rows = grid.n - row
-    last = decay**rows * np.exp(1j * angle * rows)
-    total = np.exp(1j * angle * (row + 0.5)) * (1.0 - last) / (1.0 - decay * np.exp(1j * angle))
-    return np.asarray(np.sqrt(2.0 / grid.n) * total.real)
+def _loss(view: View, row: int, log_tc: float) -> float:
+    return -joint_fit(view, _pair(view, row, float(np.exp(log_tc))), rounds=5).gain
 
 
 def _pair(view: View, row: int, tc: float) -> Array:
     step = step_ordinates(view.grid, row, view.grid.low)
     return np.vstack([step, _exponential(view, row, tc)])
+
+
+def _exponential(view: View, row: int, tc: float) -> Array:
+    return relaxing_ordinates(view.grid, row, tc, view.grid.low)
 
 
 def _columns(view: View, row: int, tc: float) -> Array:
@@ -218,7 +189,7 @@ def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, int, int]:
     fit = joint_fit(view, _pair(view, row, tc))
     m = grid.low
     weight = fit.spectrum.kept[:m] / fit.spectrum.first(m)
-    edge = int(_EDGE_S * grid.rate_hz)
+    edge = int(EDGE_S * grid.rate_hz)
     tried = np.unique(
         np.linspace(max(edge, row - reach), min(grid.n - edge, row + reach), 41, dtype=int)
     )
@@ -228,5 +199,5 @@ def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, int, int]:
         normal = (columns * weight) @ columns.T
         projected = (columns * weight) @ view.ordinates[:m]
         gains[i] = 0.5 * projected @ np.linalg.pinv(normal, hermitian=True) @ projected
-    good = tried[gains > gains.max() - 1.92]
+    good = tried[gains > gains.max() - CHI_SQUARE_95 / 2]
     return int(tried[int(np.argmax(gains))]), int(good[0]), int(good[-1])

@@ -26,6 +26,10 @@ from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EDGE_S = 5.0
+"""Nearer to an end of the record a jump is a start-up transient, or nothing one could tell."""
 
 NEAR_S = 5.0
 """Distance in time up to which two jumps are the same."""
@@ -36,27 +40,57 @@ _PENALTY, _PENALTY_S = calibrated_penalty("step"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
 _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
-_EDGE_S = 5.0
-"""Nearer to an end of the record a step is a start-up transient, or nothing one could tell."""
 
 
 @dataclass(frozen=True)
-class Step(PlacedSignal):
-    """A jump of the level."""
+class Jump(EffectKind):
+    """What begins with a jump of the level, at a time and by a size."""
 
     time: Estimate
     size: Estimate
 
-    kind = "step"
-    meaning = "the level jumps once and stays"
-    phrase = "step at {event}, {size}"
     motion = "shift"
     acts_fast = False
+    is_slow = True
+    is_piecewise = True
     sized_by = "size"
     located_by = "time"
     shared_by = "time"
-    is_piecewise = True
     excluded_by = frozenset({"high_pass"})  # no level lasts behind it
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Return whether another jump is the same hypothesis."""
+        del grid
+        return abs(self.time.value - other.time.value) < NEAR_S
+
+    def from_end_s(self, view: View) -> float:
+        """Return how far from an end of the record the jump is."""
+        return min(self.time.value, view.series.duration_s - self.time.value)
+
+    @staticmethod
+    def places(view: View) -> Ints:
+        """Return the samples at which a jump is looked for."""
+        n, edge = view.grid.n, int(EDGE_S * view.grid.rate_hz)
+        return np.arange(edge, n - edge, max(1, n // view.grid.low))
+
+    @staticmethod
+    def looked_at(view: View) -> float:
+        """Return the log of the number of alternatives to one of them."""
+        length = max(view.series.duration_s / _PENALTY_S, 1.0)
+        return _PENALTY + float(np.log(length) + np.log(ALPHA))
+
+    def row(self, view: View) -> int:
+        """Return the first sample after the jump."""
+        return round(self.time.value * view.grid.rate_hz)
+
+
+@dataclass(frozen=True)
+class Step(Jump, PlacedSignal):
+    """A jump of the level."""
+
+    kind = "step"
+    meaning = "the level jumps once and stays"
+    phrase = "step at {event}, {size}"
     confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "comes back",
         "warm_up": "bends; a step does not",
@@ -68,17 +102,11 @@ class Step(PlacedSignal):
         """What it is, in a phrase."""
         return f"the level jumps by {self.size.text} at {self.time.value:.1f} s"
 
-    def is_same(self, other: Self, grid: Grid) -> bool:
-        """Return whether another jump is the same hypothesis."""
-        del grid
-        return abs(self.time.value - other.time.value) < NEAR_S
-
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan the whole record."""
         n, rate = view.grid.n, view.grid.rate_hz
-        edge = int(_EDGE_S * rate)
-        at = np.arange(edge, n - edge, max(1, n // view.grid.low))
+        edge, at = int(EDGE_S * rate), cls.places(view)
         if len(at) == 0:
             return []
         statistic = view.scan.step(at)
@@ -100,36 +128,28 @@ class Step(PlacedSignal):
 
     def refine(self, view: View) -> Candidate:
         """Estimate instant and size again."""
-        return self._near(view, self._row(view))
-
-    def from_end_s(self, view: View) -> float:
-        """Return how far from an end of the record the jump is."""
-        return min(self.time.value, view.series.duration_s - self.time.value)
+        return self._near(view, self.row(view))
 
     def form(self, view: View) -> Array:
         """Return a jump of 1."""
-        return (np.arange(view.grid.n) >= self._row(view)).astype(np.float64)
+        return (np.arange(view.grid.n) >= self.row(view)).astype(np.float64)
 
     def columns(self, view: View) -> Array:
         """Return the ordinates of the jump."""
-        return _column(view, self._row(view))
-
-    def _row(self, view: View) -> int:
-        return round(self.time.value * view.grid.rate_hz)
+        return _column(view, self.row(view))
 
     @classmethod
     def _at(cls, view: View, time: Estimate, **placed: float) -> Candidate:
         """Fit the size of a jump at an instant."""
-        length = max(view.series.duration_s / _PENALTY_S, 1.0)
-        looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
-        return cls(time, Estimate(1.0, unit=view.unit), **placed).measured(view, looked_at)
+        step = cls(time, Estimate(1.0, unit=view.unit), **placed)
+        return step.measured(view, cls.looked_at(view))
 
     @classmethod
     def _near(cls, view: View, row: int) -> Candidate:
         """Fit a jump at the most likely row near one, under the noise of the joint fit."""
         grid, rate = view.grid, view.grid.rate_hz
         scan = StepScan(grid, view.ordinates, joint_fit(view, _column(view, row)).spectrum)
-        reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(_EDGE_S * rate)
+        reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(EDGE_S * rate)
         tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
         place = scan.place_of_step(tried)
         # Where rows are missing it was at any time between those on both sides.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 
 from allanscope.explain.effects.excursion import Excursion
-from allanscope.explain.effects.relaxation import Relaxation
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
-from allanscope.explain.effects.step import Step
+from allanscope.explain.effects.step import Jump
 from allanscope.explain.effects.unexplained import tones_left_over, united
 from allanscope.explain.gates import judge
 from allanscope.explain.moves import SearchPath
@@ -38,7 +37,7 @@ def fold_steps(view: View, path: SearchPath) -> View:
     The edges of a long box are found as steps, the first one of a short box as a jump that creeps
     back. The box has a number less and pays once.
     """
-    steps = [(c, c.effect) for c in view.accepted if isinstance(c.effect, Step | Relaxation)]
+    steps = [(c, c.effect) for c in view.accepted if isinstance(c.effect, Jump)]
     for (one, first), (other, second) in combinations(steps, 2):
         if first.size.value * second.size.value > 0:
             continue

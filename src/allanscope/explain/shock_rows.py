@@ -199,7 +199,7 @@ def _off_at_first(x: Array, window: int, step: float) -> tuple[int, float] | Non
     level = float(np.median(quiet))
     halves = [(half, float(np.median(half))) for half in np.array_split(quiet, 2)]
     rest = np.concatenate([half - middle for half, middle in halves])
-    sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), 0.5 * step)
+    sigma = _deviation(rest, step)
     if abs(halves[0][1] - halves[1][1]) > sigma:
         return None  # it settles for longer: that has a name of its own
     loud = np.abs(x[:window] - level) > _LOUD * sigma
@@ -307,14 +307,19 @@ def _away(x: Array, window: int, step: float) -> _Away | None:
     level = median_filter(x, window, mode="reflect")
     away = x - level
     away -= _lines(away)
-    sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(away))), 0.5 * step)
+    sigma = _deviation(away, step)
     if sigma <= 0:
         return None
     kept = np.clip(away, -_LOUD * sigma, _LOUD * sigma)  # one bad sample makes no loud mean
     means = [uniform_filter1d(kept, rows, mode="reflect") for rows in _MEANS]
-    scales = [MAD_TO_SIGMA * float(np.median(np.abs(mean))) for mean in means]
+    scales = [_deviation(mean) for mean in means]
     scaled = tuple(m / s for m, s in zip(means, scales, strict=True) if s > 0)
     return _Away(away / sigma, scaled, sigma, float(np.ptp(level)) / sigma)
+
+
+def _deviation(away: Array, step: float = 0.0) -> float:
+    """Return the robust standard deviation about zero, no less than half a step of the values."""
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(away))), 0.5 * step)
 
 
 def _lines(away: Array) -> Array:

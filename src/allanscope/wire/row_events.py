@@ -33,6 +33,9 @@ __all__ = ["RowEvents"]
 _FORGIVEN = 2
 _FORGOTTEN = 1000
 _MOST_COMPLAINTS = 3
+_AGAIN = "the row before it again; such rows are left out"
+_IMPOSSIBLE = "its values are impossible; such rows are left out"
+_ODD_TIME = "its time does not fit the next row; such rows are left out"
 
 
 class RowEvents:
@@ -238,8 +241,8 @@ class RowEvents:
             unsound = not agrees or (doubtful and not between.is_confirmed(row, rows.row(i + 1)))
             if unsound or suspect or twice:
                 self._block(rows[start:i], counts[start:i], events)
-                why = "impossible" if not agrees else "time" if unsound else ""
-                self._leave_out(row, "again" if twice else why, events)
+                damaged = _IMPOSSIBLE if not agrees else _ODD_TIME if unsound else ""
+                self._leave_out(row, _AGAIN if twice else damaged, events)
                 start = i = i + 1
                 continue
             gap = between.update(row, missing)
@@ -262,17 +265,14 @@ class RowEvents:
             self._complain(row, _blank_remark(blank), events)
 
     def _leave_out(self, row: Row, why: str, events: list[Event]) -> None:
-        """Note a row that is left out: damaged for sure if there is a `why`, or else suspect."""
-        if why == "again":
-            self._complain(row, "the row before it again; such rows are left out", events)
+        """Note a row that is left out: damaged or there twice if it is said why, else suspect."""
+        if why:
+            self._complain(row, why, events)
+        if why == _AGAIN:
             return
         if why:
             self._stats.resyncs += 1
             self._plausibility.note_damage()
-            what = (
-                "values are impossible" if why == "impossible" else "time does not fit the next row"
-            )
-            self._complain(row, f"its {what}; such rows are left out", events)
         else:
             self._stats.suspect += 1
         self._continuity.note_discarded()

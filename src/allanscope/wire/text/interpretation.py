@@ -210,8 +210,8 @@ class TextInterpreter:
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
         period = period_of(whole)
-        uneven = period is None or comb_of(whole) is None
-        uneven = uneven and len(whole) > 4 * HELD and rows_come_unevenly(whole)
+        uneven = len(whole) > 4 * HELD and rows_come_unevenly(whole)
+        uneven = uneven and (period is None or comb_of(whole) is None)
         if rows_come_in_bursts(whole) or uneven:
             words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
             if given:

@@ -414,13 +414,13 @@ def count(number_of: int) -> str:
     return f"{number_of:,}".replace(",", " ")
 
 
-def counted(number_of: int, thing: str) -> str:
+def counted(number_of: int, thing: str, things: str = "") -> str:
     """Return how many there are of a thing, in the singular or in the plural.
 
-    >>> counted(1, "unit"), counted(1200, "recording")
-    ('1 unit', '1 200 recordings')
+    >>> counted(1, "unit"), counted(1200, "recording"), counted(6, "axis", "axes")
+    ('1 unit', '1 200 recordings', '6 axes')
     """
-    return f"{count(number_of)} {thing}{'s' * (number_of != 1)}"
+    return f"{count(number_of)} {thing if number_of == 1 else things or f'{thing}s'}"
 
 
 def size(number_of_bytes: float) -> str:

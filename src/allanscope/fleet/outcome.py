@@ -129,9 +129,9 @@ class Loss:
             percent = number(100.0 * self.share, 2)
             parts.append(f"{counted(self.lost, 'sample')} lost ({percent} %)")
         if self.unknown:
-            parts.append(f"{self.unknown} gap{'s' * (self.unknown > 1)} of unknown length")
+            parts.append(f"{counted(self.unknown, 'gap')} of unknown length")
         if self.damaged:
-            parts.append(f"{self.damaged} damaged place{'s' * (self.damaged > 1)}")
+            parts.append(counted(self.damaged, "damaged place"))
         return f"{self.url}: {', '.join(parts)}"
 
 

@@ -301,7 +301,7 @@ def lot_verdict(
     title = "No unit stands out"
     if bad:
         title = f"{len(bad)} of {counted(units, 'unit')} stand{'s' * (len(bad) == 1)} out"
-    axes = "1 axis" if len(lot.axes) == 1 else f"{len(lot.axes)} axes"
+    axes = counted(len(lot.axes), "axis", "axes")
     size = f"{counted(units, 'unit')}, {counted(runs, 'recording')}, {axes}"
     lines = [
         VerdictLine("bad", title, f"{_some(bad)}; {size}")

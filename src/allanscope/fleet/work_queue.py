@@ -14,6 +14,7 @@ from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Loss, Outcome
 from allanscope.fleet.store import Folder, Store
 from allanscope.pipeline import DeviceSettings
+from allanscope.quantities import counted
 
 if TYPE_CHECKING:
     from distributed import Future
@@ -148,7 +149,7 @@ def problem_lines(result: FleetResult) -> list[str]:
     ]
     lines = [*result.failures.values(), *_some([str(one) for one in result.losses]), *_some(copies)]
     if result.left:
-        left = f"{result.left} recording{'s' * (result.left != 1)} left"
+        left = f"{counted(result.left, 'recording')} left"
         lines.append(f"stopped before it was done; {left}: repeat the command to continue")
     return lines
 
@@ -163,7 +164,7 @@ def summary_lines(result: FleetResult) -> list[str]:
     """
     ready = len(result.keys)
     before = ready - result.done
-    text = f"{ready} recording{'s' * (ready != 1)} analysed"
+    text = f"{counted(ready, 'recording')} analysed"
     if before:
         text += f", {before} of them earlier" if result.done else " earlier"
     if result.copies:

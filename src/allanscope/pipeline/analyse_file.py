@@ -16,6 +16,7 @@ from allanscope.pipeline.process import usable_processes
 from allanscope.pipeline.replaying import feed_analyser
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
+from allanscope.quantities import counted
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view import progress
 from allanscope.worker_process import WorkerProcess
@@ -120,7 +121,7 @@ def _require_curve(path: Path, analysis: Analysis) -> Analysis:
 
 def _too_few(samples: int, segments: int) -> str:
     pieces = f" in {segments} pieces" if segments > 1 else ""
-    known = f"{samples} sample{'s' * (samples != 1)}{pieces} {'are' if samples != 1 else 'is'}"
+    known = f"{counted(samples, 'sample')}{pieces} {'are' if samples != 1 else 'is'}"
     return f"{known} too few for any curve; record for longer"
 
 

@@ -22,7 +22,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import InputLength, events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
-from allanscope.quantities import duration
+from allanscope.quantities import counted, duration
 from allanscope.recording import (
     Chunk,
     Recording,
@@ -272,8 +272,7 @@ def _export_coefficients(
         raise InputError(f"{source}: {error}; nothing to write for {layout}") from None
     write_text(out, text)
     if not quiet and out.is_file():
-        many = len(stored.coefficients)
-        axes = "1 axis" if many == 1 else f"{many} axes"
+        axes = counted(len(stored.coefficients), "axis", "axes")
         print(f"Saved: {out}: {CONTENTS[layout]}; {axes}, from {origin}")
 
 

@@ -29,6 +29,7 @@ from allanscope.quantities import (
     LEVEL,
     between,
     count,
+    counted,
     duration,
     interval,
     number,
@@ -172,7 +173,7 @@ def subtitle(analysis: Analysis, operator: str) -> str:
         full_scales and f"full scale {full_scales}",
         _rate_of(known),
         duration(analysis.duration_s),
-        f"{axes} {'axis' if axes == 1 else 'axes'}",
+        counted(axes, "axis", "axes"),
         _started(analysis.input.get("started", "")),
         operator and f"measured by {operator}",
     )

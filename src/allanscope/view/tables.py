@@ -46,6 +46,7 @@ from allanscope.quantities import (
     SENSOR_NAMES,
     between,
     count,
+    counted,
     duration,
     number,
     size,
@@ -211,7 +212,7 @@ def _next(analysis: Analysis) -> list[str]:
     more = len(known) - _NEXT_SHOWN
     return [
         *(f"- next: **{markdown(m.action)}**: {markdown(m.decides)}" for m in known[:_NEXT_SHOWN]),
-        *([f"- {more} more measurement{'s' * (more > 1)}: see the report"] if more > 0 else []),
+        *([f"- {counted(more, 'more measurement')}: see the report"] if more > 0 else []),
     ]
 
 

@@ -52,6 +52,7 @@ from allanscope.quantities import (
     POWER_LAW_NAMES,
     SENSOR_NAMES,
     count,
+    counted,
     duration,
     number,
     symbols,
@@ -315,7 +316,7 @@ class Screen:
             Text(f"{count(self._recorded[1])} samples"),
         ]
         if known.reconnects:
-            parts.append(Text(f"{known.reconnects} reconnection{'s' * (known.reconnects > 1)}"))
+            parts.append(Text(counted(known.reconnects, "reconnection")))
         if known.temperature:
             parts.append(Text(f"{known.temperature['last']:.1f} °C"))
         clock = clock_text(known.rate)
@@ -423,7 +424,7 @@ def _details(lines: Sequence[VerdictLine], room: int, width: int, most: int) -> 
         folded = _folded(_verdict_text(line), width, most)
         still = len(lines) - number_of
         if len(folded) > room - len(rows) - (still > 1):
-            rows.append(Text(f"and {still} more line{'s' * (still > 1)}: see the report"))
+            rows.append(Text(f"and {counted(still, 'more line')}: see the report"))
             break
         rows += folded
     return rows

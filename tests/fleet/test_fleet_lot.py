@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.stats import chi2, norm, t
 
 from allanscope.fleet.drift import drifts_of
 from allanscope.fleet.effects import effects_in, replications, shared_effects
 from allanscope.fleet.lot import TAUS, EffectColumn, Lot, rows_of, schema, write_table
-from allanscope.fleet.outliers import Outlier, outlying_units, outlying_values
+from allanscope.fleet.outliers import (
+    Outlier,
+    deviation_errors,
+    outlying_units,
+    outlying_values,
+)
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.pictures import (
     curve_bands,
@@ -226,6 +231,26 @@ def test_adjusted_p_values_are_students_where_errors_are_equal() -> None:
     distance = (8.0 - rest.mean()) / (rest.std(ddof=1) * np.sqrt(1.0 + 1.0 / 11.0))
     [one] = outlying_values(values, np.zeros(12), np.arange(12).astype(str), 5)
     assert one.p_value == pytest.approx(5 * 12 * 2.0 * t.sf(distance, 10), rel=1e-6)
+
+
+def test_a_low_estimate_with_a_wide_interval_of_its_logarithm_is_no_outlier() -> None:
+    """A run of a minute knows K to 26 %, up and down: 0.55 of the lot is 2.3 of that below."""
+    values = np.r_[np.exp(0.03 * np.random.default_rng(2).standard_normal(29)), 0.55]
+    sigma = np.r_[np.full(29, 0.02), 0.26]
+    names = np.array([f"{u:02}" for u in range(30)])
+    assert far(values, sigma, names, 1) == []
+    values[-1] = np.exp(-6.0 * 0.26)
+    assert [one.unit for one in far(values, sigma, names, 1)] == ["29"]
+
+
+@pytest.mark.parametrize("edf", [5.0, 10.0, 40.0])
+def test_deviations_of_few_degrees_of_freedom_are_as_far_out_as_they_are_rare(edf: float) -> None:
+    """Without the cube root one that is low as often as -3.5 sigma seems -6 sigma away (edf 5)."""
+    normal = np.array([-3.5, -2.0, 2.0, 3.5])
+    logs = 0.5 * np.log(chi2.ppf(norm.cdf(normal), edf) / edf)
+    many = np.zeros(200)
+    error = deviation_errors(np.r_[many, logs], np.full(204, edf))[200:]
+    np.testing.assert_allclose(logs / error, normal, atol=0.45)
 
 
 def planted(

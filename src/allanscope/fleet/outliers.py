@@ -34,6 +34,7 @@ __all__ = [
     "FEWEST_UNITS",
     "Extreme",
     "Outlier",
+    "deviation_errors",
     "extremes",
     "outlying_units",
     "outlying_values",
@@ -348,6 +349,29 @@ def outlying_values(
 def _usual(values: Floats, errors: Floats, far: Sequence[Extreme]) -> tuple[float, float]:
     without = [one.index for one in far]
     return reml(np.delete(values, without), np.delete(errors, without))
+
+
+def deviation_errors(logs: Floats, edf: Floats) -> Floats:
+    """Return standard errors of logarithms of deviations, as far from their centre as they are.
+
+    A variance with few degrees of freedom nu is often low and seldom high, and so is its logarithm.
+    Its cube root is nearly normal, with variance 2 / (9 nu) (Wilson and Hilferty, PNAS 17, 1931).
+    With x two thirds of the distance of a logarithm from the centre, that root is expm1(x) away.
+
+    Parameters
+    ----------
+    logs, edf : ndarray, shape (k,)
+        Logarithms, up to a constant, and equivalent degrees of freedom.
+
+    Examples
+    --------
+    >>> deviation_errors(np.array([0.0, 0.0, 0.0, -1.0]), np.full(4, 50.0)).round(3).tolist()
+    [0.1, 0.1, 0.1, 0.137]
+    """
+    error = np.sqrt(0.5 / edf)
+    x = 2.0 / 3.0 * (logs - _weighted_median(logs, error))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(error * np.where(x == 0.0, 1.0, x / np.expm1(x)))
 
 
 def _weighted_median(values: Floats, errors: Floats) -> float:

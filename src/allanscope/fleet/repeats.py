@@ -46,7 +46,7 @@ Names = NDArray[np.str_]
 
 
 _WELL_KNOWN = 0.15
-"""Standard error of the logarithm up to which that is normal enough."""
+"""Standard error of the logarithm up to which that is normal enough, however its interval lies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class UnitEstimates:
     value, sigma : ndarray
         Estimate, and its standard error as an amplitude.
     well_known : ndarray of bool
-        Whether sigma / value is the standard error of a normal logarithm.
+        Whether the logarithm is nearer normal than the value, with standard error sigma / value.
     omega : float
         Standard deviation of the logarithm between repeats, beside their errors.
     """
@@ -112,7 +112,8 @@ def unit_estimates(lot: Lot, name: str) -> UnitEstimates | None:
         return None
     with np.errstate(invalid="ignore", divide="ignore"):
         log_sigma = np.where(bare, 0.0, np.log(upper / lower) / (2.0 * TWO_SIDED_95))
-        known = usable & detected & (log_sigma < _WELL_KNOWN)
+        is_normal = (log_sigma < _WELL_KNOWN) | _is_even_in_log(value, lower, upper)
+        known = usable & detected & is_normal
         sigma = np.where(
             known,
             log_sigma * value,
@@ -123,6 +124,14 @@ def unit_estimates(lot: Lot, name: str) -> UnitEstimates | None:
     units = lot.units
     omega = excess_of_repeats(np.log(value[known]), log_sigma[known], units[known])
     return _by_unit(value[usable], sigma[usable], known[usable], units[usable], omega)
+
+
+def _is_even_in_log(value: Floats, lower: Floats, upper: Floats) -> NDArray[np.bool_]:
+    """Return where an estimate is nearer the middle of its interval's logarithms than of itself.
+
+    Then the likelihood is closer to a normal one of the logarithm than of the coefficient.
+    """
+    return np.asarray(2.0 * value < np.sqrt(lower * upper) + 0.5 * (lower + upper))
 
 
 def excess_of_repeats(values: Floats, errors: Floats, units: Names) -> float:

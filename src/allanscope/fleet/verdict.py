@@ -16,6 +16,7 @@ from allanscope.fleet.outliers import (
     FALSE_ALARMS,
     FEWEST_UNITS,
     Outlier,
+    deviation_errors,
     outlying_units,
     outlying_values,
 )
@@ -207,7 +208,7 @@ def _shapes(lot: Lot) -> Iterator[tuple[str, float, float, Values]]:
                 continue
             curve, edf = here["curve"][both].astype(float), here["curve_edf"][both].astype(float)
             rise = np.log(curve[:, at] / curve[:, first])
-            error = np.sqrt(0.5 / edf[:, at] + 0.5 / edf[:, first])
+            error = np.hypot(deviation_errors(rise, edf[:, at]), np.sqrt(0.5 / edf[:, first]))
             values = _of_units(rise, error, here.units[both])
             if len(values[0]) >= FEWEST_UNITS:
                 yield axis, float(TAUS[at]), float(TAUS[first]), values

@@ -18,7 +18,7 @@ from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
-from allanscope.explain.gates import growth, judge, penalties, penalty_passed
+from allanscope.explain.gates import growth, growth_remarks, judge, penalties, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, refuse
@@ -146,6 +146,26 @@ def test_an_effect_that_makes_the_error_grow_is_refused_and_the_search_says_why(
     assert refuse(left, before, error(left), error) is left
 
 
+def test_what_gains_beyond_doubt_is_refused_only_where_no_error_is_larger_without_it() -> None:
+    """What a second description of a line gains is that of the line, and says nothing of it."""
+    view = view_of(noise(8) + line(7.0, 3.0))
+    good = replace(best_of(view, "sinusoid"), gain=1e5)
+    wrong = best_of(view_of(noise(8) + 4.0 * (TIME > 60)), "step")
+    white = replace(view, base=(White(1.0),))
+
+    def error(one: View) -> ResidualError:
+        return error_of(one, one.spectrum.model, None)
+
+    before, grown = error(white), white.accept(good).accept(replace(wrong, gain=1e5))
+    assert growth(before, error(grown))[1]
+    left = refuse(grown, before, error(grown), error)
+    assert [c.kind for c in left.accepted] == ["sinusoid"]
+    # Without the line the error is larger, whatever has grown beside it.
+    little = replace(before, chi2_per_dof=0.1 * error(left).chi2_per_dof, worst_band_z=1.0)
+    worse = replace(error(left), chi2_per_dof=30.0)
+    assert refuse(left, little, worse, lambda one: worse if one is left else before) is left
+
+
 def test_where_no_one_is_to_blame_nothing_is_refused() -> None:
     """What is left of many lines is judged by the smaller sampling error of the better model."""
     view = view_of(noise(8) + sum(line(f, 0.6) for f in (3.0, 5.0, 7.0, 11.0, 13.0)))
@@ -160,6 +180,20 @@ def test_an_error_may_grow_by_what_sampling_leaves() -> None:
     assert growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, 3.0)) == (0.0, "")
     assert "chi-square" in growth(before, ResidualError(9.0, 1e-9, 9.7, 11.0, 3.0))[1]
     assert "worst band" in growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, -9.0))[1]
+    assert "rms" in growth(before, ResidualError(1.3, 0.2, 19.7, 11.0, 3.0))[1]
+
+
+def test_an_rms_that_grows_beyond_sampling_is_said_with_what_sampling_leaves() -> None:
+    before = ResidualError(2.3, 0.01, 9.48, 12.0, 3.0)
+    assert growth_remarks(before, ResidualError(1.7, 0.1, 10.7, 10.8, 3.0)) == ()
+    assert growth_remarks(before, ResidualError(1.7, 0.1, 15.4, 10.8, 3.0)) == (
+        "rms over averaging times grows from 9.48 to 15.4 %; sampling error alone leaves 10.8 %",
+    )
+    both = growth_remarks(before, ResidualError(90.0, 0.0, 35.4, 10.8, 3.0))
+    assert [line.partition(" grows")[0] for line in both] == [
+        "chi-square per degree of freedom",
+        "rms over averaging times",
+    ]
 
 
 def test_what_some_blocks_gain_and_others_lose_is_a_piece_of_something_else(monkeypatch) -> None:

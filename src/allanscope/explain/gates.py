@@ -7,8 +7,8 @@
    gain; of a large gain of a process at least a quarter, else it did not recur; and where a slope
    must be the same in every quarter, it is;
 4. *error*: with everything accepted and the final model fitted, neither chi-square nor worst band
-   is larger than the textbook model leaves, beyond sampling; effects that make it so are refused
-   after all (`moves.drop.refuse`).
+   nor rms is larger than the textbook model leaves, beyond sampling; effects that make it so are
+   refused after all (`moves.drop.refuse`).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from allanscope.explain.view import View
 __all__ = [
     "adequate",
     "growth",
+    "growth_remarks",
     "is_measured",
     "judge",
     "judge_members",
@@ -42,9 +43,10 @@ _SAME = 1.02
 """Ratio up to which two errors are the same."""
 _ALIKE, _AGAINST = 9, 5.0
 """Ordinates over which power that is left out is averaged, and nats that speak against a signal."""
-_LEAST_CHI2, _LEAST_Z = 2.0, 4.0
-"""Chi-square per degree of freedom, and z of the worst of so many bands, up to which an error may
-be sampling."""
+_OF_CURVE = "rms over averaging times"
+_LEAST_CHI2, _LEAST_Z, _LEAST_RMS = 2.0, 4.0, 1.5
+"""Chi-square per degree of freedom, z of the worst of so many bands, and rms over that which
+sampling leaves on average, up to which an error may be sampling."""
 
 
 def penalty_passed(view: View, candidate: Candidate, spent: float) -> bool:
@@ -160,12 +162,18 @@ def is_measured(candidate: Candidate) -> bool:
 def growth(before: ResidualError, after: ResidualError) -> tuple[float, str]:
     """Return by which factor the error has grown most, as a logarithm, and in words.
 
-    At most 0, and no words, where no error is larger than before beyond sampling. The rms over taus
-    is not asked: it is that of the longest, which a drift that was subtracted has taken along.
+    At most 0, and no words, where no error is larger than before beyond sampling. The rms over
+    averaging times is for the most part that of the few longest, which scatter.
     """
     pairs = (
         ("chi-square per degree of freedom", before.chi2_per_dof, after.chi2_per_dof, _LEAST_CHI2),
         ("worst band", abs(before.worst_band_z), abs(after.worst_band_z), _LEAST_Z),
+        (
+            _OF_CURVE,
+            before.rms_percent,
+            after.rms_percent,
+            _LEAST_RMS * after.expected_rms_percent,
+        ),
     )
     worst, why = 0.0, ""
     for name, first, second, least in pairs:
@@ -174,3 +182,21 @@ def growth(before: ResidualError, after: ResidualError) -> tuple[float, str]:
             worst = float(np.log(second / allowed))
             why = f"error: {name} grows from {first:.3g} to {second:.3g}"
     return worst, why
+
+
+def growth_remarks(before: ResidualError, after: ResidualError) -> tuple[str, ...]:
+    """Return what must be said where an error is larger and no effect is to blame.
+
+    Of the rms whatever is more than before, and more than sampling leaves on average.
+    """
+    why, out = growth(before, after)[1].removeprefix("error: "), []
+    if why and not why.startswith(_OF_CURVE):
+        out.append(
+            f"{why}: the residual is compared with the smaller sampling error of the better model"
+        )
+    if after.rms_percent > _SAME * max(before.rms_percent, after.expected_rms_percent):
+        out.append(
+            f"{_OF_CURVE} grows from {before.rms_percent:.3g} to {after.rms_percent:.3g} %; "
+            f"sampling error alone leaves {after.expected_rms_percent:.3g} %"
+        )
+    return tuple(out)

@@ -22,7 +22,7 @@ from allanscope.explain.effect import AxisExplanation, Effect, Parameter, Residu
 from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.quantization import Quantization
 from allanscope.explain.effects.ramp import Ramp
-from allanscope.explain.gates import growth
+from allanscope.explain.gates import growth_remarks
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.known_effects import KnownEffects, known_of, signals_of
 from allanscope.explain.moves.drop import refuse
@@ -329,18 +329,10 @@ def _explained(job: _Job, view: View) -> _Closed:
         + _missing(bare)
         + _too_coarse(view, after)
         + ((view.stopped,) if view.stopped else ())
-        + _grown(error_before, error_after)
+        + growth_remarks(error_before, error_after)
         + _detection_limits(view),
     )
     return _Closed(explanation, before_model, after_model, after, replace(view))
-
-
-def _grown(before: ResidualError, after: ResidualError) -> tuple[str, ...]:
-    """Return what must be said where an error is larger and no effect is to blame."""
-    why = growth(before, after)[1].removeprefix("error: ")
-    if not why:
-        return ()
-    return (f"{why}: the residual is compared with the smaller sampling error of the better model",)
 
 
 def _final(

@@ -14,9 +14,10 @@ from allanscope.explain.view import View
 __all__ = ["drop", "refuse"]
 
 _BEYOND_DOUBT = 1000.0
-"""Gain in nats that no error of a curve outweighs."""
-_MOST_REFUSED, _SUSPECTS = 2, 3
-"""Most effects that are refused after all, and how many are tried each time: each is a fit."""
+"""Gain in nats that no error of a curve outweighs, unless another effect gains the same."""
+_MOST_REFUSED, _SUSPECTS, _CERTAIN = 2, 3, 6
+"""Most effects that are refused after all, and how many of small and of large gain are tried each
+time: each is a fit."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 
@@ -47,6 +48,8 @@ def refuse(
 
     The view as it was where no one or two of those that gain least mend it: then the error has
     grown because the sampling error of the better model is smaller, and all are what they are.
+    What gains beyond doubt goes only where without it no error is larger, neither than before nor
+    than with it: a line that is described twice, or a range that took the noise along.
 
     Parameters
     ----------
@@ -55,27 +58,36 @@ def refuse(
     error : callable
         Returns that of another view.
     """
-    left = view
-    worst, why = growth(before, after)
+    left, now = view, after
+    _, why = growth(before, after)
     for _ in range(_MOST_REFUSED):
         if not why:
             break
-        suspects = [
-            c
-            for c in left.accepted
-            if c.changes_model and not c.effect.is_coefficient and c.gain < _BEYOND_DOUBT
-        ]
-        suspects = sorted(suspects, key=lambda c: c.gain)[:_SUSPECTS]
-        trials = [(growth(before, error(_without(left, c))), c) for c in suspects]
-        if not trials:
+        trials = [(c, error(_without(left, c))) for c in _suspects(left)]
+        mended = [(growth(before, e), c, e) for c, e in trials if _mends(c, before, now, e)]
+        if not mended:
             break
-        (still, words), refused = min(trials, key=lambda one: one[0][0])
-        if still > _MENDS * worst:
-            break
+        (_, words), refused, now = min(mended, key=lambda one: one[0][0])
         step = SearchStep("drop", refused.kind, refused.words, refused.gain, refused.penalty, why)
         left = replace(_without(left, refused), path=(*left.path, step))
-        worst, why = still, words
+        why = words
     return view if why else left
+
+
+def _suspects(view: View) -> list[Candidate]:
+    """Return what is tried: a few of small gain, and the largest, both by their gain."""
+    acting = [c for c in view.accepted if c.changes_model and not c.effect.is_coefficient]
+    acting = sorted(acting, key=lambda c: c.gain)
+    small = [c for c in acting if c.gain < _BEYOND_DOUBT]
+    return small[:_SUSPECTS] + acting[len(small) :][-_CERTAIN:]
+
+
+def _mends(refused: Candidate, before: ResidualError, now: ResidualError, e: ResidualError) -> bool:
+    """Return whether the error that is left without an effect is little enough to refuse it."""
+    left, why = growth(before, e)
+    if refused.gain < _BEYOND_DOUBT:
+        return left <= _MENDS * growth(before, now)[0]
+    return not why and not growth(now, e)[1]
 
 
 def _without(view: View, candidate: Candidate) -> View:

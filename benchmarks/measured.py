@@ -31,8 +31,8 @@ from allanscope.analysis import Analysis, AxisAnalysis
 FOLDER = Path(__file__).parents[1] / "recordings" / "measured"
 QUICK_ROWS = 30_000
 AGREES = 0.03
-FLAG = re.compile(r"\bN\b.*\bfrom the fit\b")
-"""A remark that says N is not what the record shows by itself."""
+FLAG = re.compile(r"\bN\b.*\bfrom the fit\b|\bN is its level below\b")
+"""A remark that says N is not what the record shows by itself, or not all of it."""
 BETTER = 1.02
 """An error that is larger by less than this is the same."""
 

@@ -11,7 +11,7 @@ from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from allanscope import analyse
 from allanscope.analysis.coefficients import add_coupled, total_white
-from allanscope.analysis.remarks import disagreement
+from allanscope.analysis.disagreement import disagreement
 from allanscope.analysis.result import ModelCurve, Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record

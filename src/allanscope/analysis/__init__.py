@@ -25,6 +25,7 @@ result for all who show it: terminal, viewer, report and JSON.
 ``experiments``                                  which measurement would settle what is open
 ``together`` ``shared_lines``                    boards on one bench
 ``verdict_lines`` ``finding_phrases``            verdict and findings in words
+``disagreement``                                 where model and reading are not the same
 ``remarks`` ``wording`` ``notebook``             what else must be known; single numbers; a notebook
 ================================================ ===================================================
 """

@@ -31,7 +31,7 @@ from allanscope.noise.evidence import Evidence, Ordinates
 from allanscope.quantities import TWO_SIDED_95
 from allanscope.spectrum import Density
 
-__all__ = ["density_of", "flat_band", "read_axis"]
+__all__ = ["density_of", "flat_band", "read_axis", "tells_flat"]
 
 Array = NDArray[np.float64]
 
@@ -143,6 +143,25 @@ def flat_band(density: Density) -> tuple[NDArray[np.bool_], bool, bool] | None:
     flat = np.zeros(len(density.frequency), np.bool_)
     flat[index[low : high + 1]] = True
     return flat, low > 0, high < k - 1
+
+
+def tells_flat(density: Density | None) -> bool:
+    """Return whether a density that is flat all along would be seen to be.
+
+    Examples
+    --------
+    >>> frequency = np.arange(1.0, 51.0)
+    >>> def density(averages: float) -> Density:
+    ...     return Density(frequency, *(np.full(50, value) for value in (1.0, 1e-6, averages)))
+    >>> tells_flat(density(1000.0)), tells_flat(density(1.0))
+    (True, False)
+    """
+    if density is None or len(density.frequency) < _FEWEST:
+        return False
+    ends = density.frequency[[0, -1]]
+    x, shape = np.log(density.frequency), density.averages
+    spread = float(np.sum(shape * (x - np.average(x, weights=shape)) ** 2))
+    return bool(ends[1] >= _NARROWEST * ends[0] and spread * _SLOPE_KNOWN**2 > 1)
 
 
 def _outliers(density: Density, known: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -8,31 +8,23 @@ trace in the values, only in the rate. Where it is far from what the sensor is s
 could be off by so much. Where it is near, 50 rows of a sensor set to 52 Hz, the oscillator could;
 but then it would be off by just so much that rows come with the period of a timer, whole multiples
 of 5 ms, as exactly as a crystal. By chance one in two hundred does.
-
-**Readings**: where a coefficient of the model and its reading off the curve disagree. A reading has
-no model, so what it is compared with is what the coefficients together would show there: the
-deviation at 1 s has flicker noise in it, and its floor white noise and walk.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median
 
-import numpy as np
-
 from allanscope.analysis.analyser import Analyser, StreamState
-from allanscope.analysis.finding_phrases import with_article
-from allanscope.analysis.result import AxisAnalysis, ModelCurve, Rate, Reading
+from allanscope.analysis.result import AxisAnalysis, Rate
 from allanscope.clock import DISAGREEMENT
-from allanscope.explain import Effect
-from allanscope.noise import Coefficient, resolution_advice
+from allanscope.noise import resolution_advice
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, OSCILLATOR_TOLERANCE
-from allanscope.quantities import COEFFICIENTS, GRAVITY, duration, number, symbols
+from allanscope.quantities import GRAVITY, number
 from allanscope.samples import unit_of
 
-__all__ = ["axis_remarks", "disagreement", "run_remarks", "sampling_remarks", "scale_remarks"]
+__all__ = ["axis_remarks", "run_remarks", "sampling_remarks", "scale_remarks"]
 
 _FITS = 0.02
 """Relative error of a step that is read off values which were printed with few digits."""
@@ -258,192 +250,3 @@ def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
         if effect.traits.repeats_rows
     ]
     return max(found, default=0.0)
-
-
-_NOTICEABLE = 0.03
-"""Relative difference that needs no explanation."""
-_MUCH = 0.3
-"""Share of a deviation that tells where it comes from."""
-_SHAPES: Mapping[str, Callable[[float], float]] = {
-    "N": lambda tau: 1 / tau,
-    "B": lambda _: 2 * math.log(2) / math.pi,
-    "K": lambda tau: tau / 3,
-    "R": lambda tau: tau**2 / 2,
-}
-"""Allan variance of each coefficient of size 1 at tau in s."""
-
-
-def disagreement(
-    unit: str,
-    coefficients: Mapping[str, Coefficient],
-    readings: Mapping[str, Reading],
-    effects: Iterable[Effect] = (),
-    rounding: float = 0.0,
-    model: ModelCurve | None = None,
-) -> str | None:
-    """Return the line for the first coefficient that its reading contradicts, N before B before K.
-
-    Parameters
-    ----------
-    unit : str
-        Of the axis.
-    coefficients, readings : mapping
-        By name; see `readings.read_axis`.
-    effects : iterable of Effect
-        What was accepted on the axis, from which the cause is taken.
-    rounding : float
-        White noise per sqrt(Hz) that is rounding, which a reading cannot tell from N: it is the
-        cause where N alone would disagree, and forgiven of every other reading.
-    model : ModelCurve, optional
-        What each effect adds to the curve that was read.
-    """
-    for name, reading in readings.items():
-        letter = name[:1]
-        known = coefficients.get(letter)
-        if known is None:
-            continue
-        rounded = _agree(name, coefficients, reading, rounding)
-        if rounded and (name != "N" or _agree(name, coefficients, reading, 0.0)):
-            continue
-        near = tuple(
-            one
-            for one in effects
-            if _is_near(one, reading.band_hz)
-            and not (one.traits.is_coupling and _is_coupled_little(known))
-        )
-        cause = _largest(name, reading, near, model) or _cause(
-            name, reading.value > known.value, near
-        )
-        cause = "the step of the values" if rounded else cause
-        usual = COEFFICIENTS[unit, letter][0]
-        fitted = (
-            usual.limit(known.upper) if not known.detected else number(known.value * usual.factor)
-        )
-        read = number(reading.value * usual.factor)
-        return symbols(
-            f"{letter} is {read} {usual.unit} from {_how(name, reading)} but {fitted} from the "
-            f"fit; cause: {cause}"
-        )
-    return None
-
-
-def _how(name: str, reading: Reading) -> str:
-    """Return what a reading was taken from."""
-    match name:
-        case "N" if reading.band_hz is not None:
-            low, high = reading.band_hz
-            return f"the density between {number(low, 2)} and {number(high, 2)} Hz"
-        case "N_1s":
-            return "the deviation at 1 s"
-        case "B":
-            return f"the minimum deviation (at {duration(reading.tau_s or 0.0)})"
-        case _:
-            return f"the deviation at {duration(reading.tau_s or 0.0)}"
-
-
-def _agree(
-    name: str, coefficients: Mapping[str, Coefficient], reading: Reading, rounding: float
-) -> bool:
-    """Return whether coefficient, or all of them together, and reading agree within intervals.
-
-    N has to be what the density shows but for its sampling error, however little the fit knows.
-    """
-    one = coefficients[name[:1]]
-    if name == "N" and one.detected:
-        half = (reading.upper - reading.lower) / 2
-        if (
-            abs(math.hypot(one.value, rounding) - reading.value)
-            > _NOTICEABLE * reading.value + half
-        ):
-            return False
-    low = one.lower if one.detected else 0.0
-    if _overlap(low, one.upper, reading.lower, reading.upper):
-        return True
-    white = math.hypot(low if name[0] == "N" else 0.0, rounding)
-    if name == "N":
-        return _overlap(white, math.hypot(one.upper, rounding), reading.lower, reading.upper)
-    tau = reading.tau_s or 1.0
-    # The deviation that was read, and those that the limits of all coefficients make there.
-    size = math.sqrt(_SHAPES[name[0]](tau))
-    expected = [
-        math.sqrt(
-            sum(
-                shape(tau) * ((found.lower if side == 0 else found.upper) ** 2)
-                for letter, shape in _SHAPES.items()
-                if (found := coefficients.get(letter)) is not None and math.isfinite(found.upper)
-            )
-            + rounding**2 / tau
-        )
-        for side in (0, 1)
-    ]
-    return _overlap(expected[0], expected[1], reading.lower * size, reading.upper * size)
-
-
-def _overlap(low: float, high: float, other_low: float, other_high: float) -> bool:
-    """Return whether two intervals overlap, or miss each other by too little to mention."""
-    room = 1 + _NOTICEABLE
-    return low <= other_high * room and other_low <= high * room
-
-
-def _largest(
-    name: str, reading: Reading, effects: tuple[Effect, ...], model: ModelCurve | None
-) -> str:
-    """Return the effect that adds most to a curve where it was read; empty where none adds much."""
-    if model is None or reading.tau_s is None:
-        return ""
-    read = reading.value * math.sqrt(_SHAPES[name[0]](reading.tau_s))
-    added = {
-        effect.kind: float(np.interp(reading.tau_s, model.x, model.components[effect.kind]))
-        for effect in effects
-        if effect.kind in model.components
-    }
-    kind = max(added, key=added.__getitem__, default="")
-    if not kind or added[kind] < _MUCH * read:
-        return ""
-    same = [effect for effect in effects if effect.kind == kind]
-    return _phrase(max(same, key=_held))
-
-
-def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
-    """Return what explains the difference; `more` where the reading is above the coefficient.
-
-    That is the effect of the largest share among those that act at the averaging times of the
-    reading; a low-pass explains no reading that is too large.
-    """
-    known = [
-        one
-        for one in effects
-        if not (one.traits.of_the_stream or (more and "cutoff" in one.parameters))
-    ]
-    is_fast = name[0] == "N"
-    acting = [one for one in known if (one.traits.acts_fast if is_fast else one.traits.acts_slow)]
-    return _phrase(max(acting or known, key=_held)) if known else "not identified"
-
-
-def _held(effect: Effect) -> float:
-    """Return the share of an effect; 0 where it is not known."""
-    return effect.share if math.isfinite(effect.share) else 0.0
-
-
-def _is_coupled_little(known: Coefficient) -> bool:
-    """Return whether what other axes bring, which is known, is too little to mention."""
-    alone = known.decoupled
-    return alone is not None and known.value <= (1 + _NOTICEABLE) * alone.value
-
-
-def _is_near(effect: Effect, band_hz: tuple[float, float] | None) -> bool:
-    """Return whether an effect that has a frequency acts within an octave of where N was read."""
-    place = effect.parameters.get("frequency") or effect.parameters.get("cutoff")
-    if band_hz is None or place is None or isinstance(place.value, str):
-        return True
-    above_the_low_end = place.value >= band_hz[0] / 2 or "cutoff" in effect.parameters
-    return above_the_low_end and place.value <= 2 * band_hz[1]
-
-
-def _phrase(effect: Effect) -> str:
-    """Return an effect as a cause."""
-    words = effect.traits.as_cause or with_article(effect.traits)
-    values = {name: one.value for name, one in effect.parameters.items()}
-    return words.format_map(
-        {name: one if isinstance(one, str) else number(one) for name, one in values.items()}
-    )

@@ -25,12 +25,12 @@ from allanscope.analysis.coherence import common_of
 from allanscope.analysis.comparison import ReferenceCurve, compare_curve
 from allanscope.analysis.curves import curves_of_bank, curves_of_samples
 from allanscope.analysis.datasheet import compare, rms_of
+from allanscope.analysis.disagreement import disagreement
 from allanscope.analysis.line_origin import clock_wander_of
 from allanscope.analysis.model_curves import draw_models
-from allanscope.analysis.readings import density_of, read_axis
+from allanscope.analysis.readings import density_of, read_axis, tells_flat
 from allanscope.analysis.remarks import (
     axis_remarks,
-    disagreement,
     run_remarks,
     sampling_remarks,
     scale_remarks,
@@ -443,6 +443,8 @@ def _axis(
         explanation.effects if explanation else (),
         fit.rounding if fit else 0.0,
         drawn.model,
+        fit.bands if fit else None,
+        tells_flat=tells_flat(measured),
     )
     return AxisAnalysis(
         unit=unit_of(name),

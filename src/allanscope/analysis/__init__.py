@@ -18,6 +18,7 @@ result for all who show it: terminal, viewer, report and JSON.
 ``summary`` ``result``                           from the sums to the result; the result as JSON
 ``curves`` ``model_curves``                      curves measured and fitted
 ``coefficients`` ``readings`` ``undisturbed``    N, B, K: of the model, read off curves, where quiet
+``curve_limits``                                 B and K that the measured curve refutes
 ``datasheet`` ``comparison``                     against the datasheet, and an earlier session
 ``findings`` ``line_families``                   effects of all axes that are one disturbance
 ``tracing``                                      where each finding comes from, by the next three

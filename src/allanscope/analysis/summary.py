@@ -23,6 +23,7 @@ from allanscope.analysis.analyser import (
 from allanscope.analysis.coefficients import published_coefficients
 from allanscope.analysis.coherence import common_of
 from allanscope.analysis.comparison import ReferenceCurve, compare_curve
+from allanscope.analysis.curve_limits import limited_by_curve
 from allanscope.analysis.curves import curves_of_bank, curves_of_samples
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.disagreement import disagreement
@@ -429,6 +430,9 @@ def _axis(
     curve = curves.get("oadev")
     fits = {**(loop.fits if loop else {}), **({name: fit} if fit else {})}
     coefficients = published_coefficients(name, fits, loop.axes if loop else {})
+    refuted: tuple[str, ...] = ()
+    if fit is not None and curve is not None:
+        coefficients, refuted = limited_by_curve(unit_of(name), coefficients, fit.model, curve)
     # Where gaps leave the stream no density, that of the bridged rows is read.
     measured = density if len(density.frequency) or fit is None else density_of(fit.evidence)
     readings = read_axis(measured, curve, unit_of(name))
@@ -473,6 +477,7 @@ def _axis(
         remarks=(
             *axis_remarks(state, column),
             *(fit.remarks if fit else ()),
+            *refuted,
             *((apart,) if apart else ()),
         ),
     )

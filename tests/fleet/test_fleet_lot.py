@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
@@ -29,7 +30,13 @@ from allanscope.fleet.pictures import (
 )
 from allanscope.fleet.repeats import UnitEstimates, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import typical_of
-from allanscope.fleet.verdict import average_limits, findings, lot_verdict, run_remarks
+from allanscope.fleet.verdict import (
+    average_limits,
+    findings,
+    lot_verdict,
+    run_remarks,
+    simulation_banner,
+)
 
 Floats = NDArray[np.float64]
 
@@ -520,3 +527,38 @@ def test_a_coefficient_of_which_most_units_have_a_limit_alone_is_no_error(found)
     sigma = np.where(np.arange(9) < found, 1.0, 1.5)
     units = UnitEstimates(names, value, sigma, value > 0.0, 0.0)
     assert outlying_units(units, 1) == []
+
+
+def of_origins(lot: Lot, *origins: str | None) -> Lot:
+    """Return as many recordings as there are origins."""
+    names = np.unique(lot["recording"].astype(str))[: len(origins)]
+    known = dict(zip(names, origins, strict=True))
+    some = lot.where(np.isin(lot["recording"].astype(str), names))
+    told = np.array([*(known[one] for one in some["recording"]), None], object)[:-1]
+    return Lot({**some.columns, "origin": told})
+
+
+def test_a_lot_that_was_simulated_says_so_above_everything(lot: Lot) -> None:
+    why = "a program computed the samples; no part was measured"
+    whole = of_origins(lot, "synthetic", "synthetic")
+    pages: dict[str, str] = {}
+    page = render_lot(whole, {}, put_page=pages.__setitem__)
+    assert f'<p class="banner">Simulated data: {why}</p>' in page
+    assert pages
+    assert all(f'<p class="banner">Simulated data: {why}</p>' in one for one in pages.values())
+    some = of_origins(lot, "synthetic", "measured", None, "emulated")
+    banner = f"Simulated data in 2 of 4 recordings: {why}; the device is emulated; no part was"
+    assert simulation_banner(some).startswith(banner)
+
+
+@pytest.mark.parametrize("origins", [("measured", None), ("", "measured")])
+def test_a_lot_that_was_measured_has_no_banner(lot: Lot, origins: tuple[str | None, ...]) -> None:
+    assert '<p class="banner"' not in render_lot(of_origins(lot, *origins), {})
+
+
+def test_the_table_keeps_the_origin_and_may_be_of_a_version_that_did_not(tmp_path: Path) -> None:
+    table, earlier = tmp_path / "lot.parquet", tmp_path / "earlier.parquet"
+    write_table(table, [row | {"origin": "synthetic"} for row in rows()[:4]])
+    assert simulation_banner(Lot.read(table))
+    pq.write_table(pq.read_table(table).drop_columns(["origin"]), earlier)
+    assert not simulation_banner(Lot.read(earlier))

@@ -33,7 +33,8 @@ _PARAMETER = ("name", "value", "lower", "upper", "unit")
 """What is told of a parameter of an effect that is a number."""
 
 _READ = (
-    *("recording", "unit", "axis", "sensor_unit", "part", "started", "duration_s", "samples"),
+    *("recording", "unit", "axis", "sensor_unit", "part", "origin", "started", "duration_s"),
+    "samples",
     *("lost_samples", "damaged_places", "nominal_hz", "measured_hz", "rate_uncertainty_ppm"),
     *("temperature_lowest", "temperature_highest", "level_mean", "datasheet_limit"),
     *("datasheet_verdict", "explained", "residual_after_chi2_per_dof", "residual_after_p_value"),
@@ -300,6 +301,7 @@ def schema() -> Any:
         }
     )
     columns = {"recording": text, "unit": text, "axis": text, "sensor_unit": text, "part": text}
+    columns |= {"origin": text}
     columns |= {"sha256": text, "allanscope": text} | dict.fromkeys(_TEXTS, text)
     columns |= {"duration_s": real, "samples": whole, "lost_samples": whole}
     columns |= {"unknown_losses": whole, "segments": whole, "damaged_places": whole}
@@ -339,6 +341,7 @@ def rows_of(recording: str, unit: str, result: Mapping[str, Any]) -> Iterator[di
         "recording": encodable(recording),
         "unit": encodable(unit),
         "part": analysis["part"],
+        "origin": analysis.get("origin"),
         "sha256": analysis["input"]["sha256"],
         "allanscope": analysis["allanscope"],
         **{name: facts.get(name) or None for name in _TEXTS},

@@ -18,7 +18,7 @@ from allanscope.analysis import Verdict, VerdictLine
 from allanscope.fleet.effects import FoundEffect
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import CurveBands, curves_picture
-from allanscope.fleet.verdict import Finding
+from allanscope.fleet.verdict import Finding, simulation_banner
 from allanscope.labels import kind_name
 from allanscope.quantities import (
     COEFFICIENTS,
@@ -100,7 +100,7 @@ def unit_pages(
             page.render(
                 title=f"Unit {unit}",
                 subtitle=_subtitle(here),
-                verdict=_verdict(unit, mine),
+                verdict=_verdict(unit, mine, simulation_banner(here)),
                 pictures=_pictures(bands, mine) if unit in drawn else [],
                 sensors=[
                     {"name": SENSOR_NAMES[sensor], "rows": _rows(here, sensor, usual)}
@@ -122,12 +122,12 @@ def _subtitle(here: Lot) -> str:
     return f"{', '.join(parts) or 'a sensor'}, {recordings}, {total} in all"
 
 
-def _verdict(unit: str, mine: Sequence[Finding]) -> Verdict:
+def _verdict(unit: str, mine: Sequence[Finding], banner: str) -> Verdict:
     if not mine:
         title = "does not stand out"
-        return Verdict("good", title, (VerdictLine("good", unit, title),))
+        return Verdict("good", title, (VerdictLine("good", unit, title),), banner=banner)
     lines = tuple(VerdictLine("bad", one.axis, one.reason) for one in mine)
-    return Verdict("bad", "stands out", lines)
+    return Verdict("bad", "stands out", lines, banner=banner)
 
 
 def _pictures(bands: Mapping[str, CurveBands], mine: Sequence[Finding]) -> list[str]:

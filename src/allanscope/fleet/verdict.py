@@ -9,7 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.analysis import NOTICEABLE_LOSS, Grade, Verdict, VerdictLine
+from allanscope.analysis import (
+    NOTICEABLE_LOSS,
+    Grade,
+    Verdict,
+    VerdictLine,
+    simulation_notice,
+)
 from allanscope.fleet.effects import SIZES, SharedEffect, effects_in
 from allanscope.fleet.lot import TAUS, Lot
 from allanscope.fleet.outliers import (
@@ -37,6 +43,7 @@ __all__ = [
     "lot_verdict",
     "rates_of_units",
     "run_remarks",
+    "simulation_banner",
     "units_named",
 ]
 
@@ -316,7 +323,26 @@ def lot_verdict(
     if failures:
         lines.append(VerdictLine("bad", "no result", f"{len(failures)} of the recordings"))
     is_bad = bad or failures or any(line.grade == "bad" for line in limit_lines)
-    return Verdict("bad" if is_bad else "good", title, tuple(lines))
+    banner = simulation_banner(lot)
+    return Verdict("bad" if is_bad else "good", title, tuple(lines), banner=banner)
+
+
+def simulation_banner(lot: Lot) -> str:
+    """Return the notice above a page with recordings whose samples no part measured; else empty."""
+    if "origin" not in lot.columns:  # a table of an earlier version
+        return ""
+    origins = dict(zip(lot["recording"].tolist(), lot["origin"].tolist(), strict=True))
+    notices = [simulation_notice(origin or "") for origin in origins.values()]
+    simulated = [notice for notice in notices if notice is not None]
+    if not simulated:
+        return ""
+    [head] = {head for head, _ in simulated}
+    part = (
+        ""
+        if len(simulated) == len(notices)
+        else f" in {len(simulated)} of {len(notices)} recordings"
+    )
+    return f"{head}{part}: {'; '.join(sorted({why for _, why in simulated}))}"
 
 
 def _run_lines(lot: Lot) -> list[VerdictLine]:

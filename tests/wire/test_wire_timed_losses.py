@@ -16,7 +16,7 @@ from allanscope.wire import LinkStats, WireSettings, format_named
 from allanscope.wire.continuity import PeriodTracker, losses_of
 from allanscope.wire.row_events import RowEvents
 from allanscope.wire.rows import Interpretation, Row
-from allanscope.wire.timestamps import WrappingCounter, period_of, resolution_of
+from allanscope.wire.timestamps import WrappingCounter, comb_of, period_of, resolution_of
 
 RATE = 50.0
 INFO = StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, RATE)
@@ -297,3 +297,22 @@ def test_losses_are_counted_in_arrays_where_stamps_scatter() -> None:
     assert lost is not None
     assert sum(lost.values()) == pytest.approx(20_000 - len(kept), abs=5)
     assert losses_of(0.01 * kept) is None
+
+
+def test_the_comb_of_rough_stamps_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is a tenth of a second, in which a live stream waits."""
+    rng = np.random.default_rng(1)
+    kept = np.flatnonzero(rng.random(1000) > 0.1)
+    times = (0.01 * kept + rng.normal(0.0, 0.002, len(kept))).tolist()
+    looked = []
+
+    def counted(stamps: Any) -> Any:
+        looked.append(len(stamps))
+        return comb_of(stamps)
+
+    monkeypatch.setattr("allanscope.wire.continuity.comb_of", counted)
+    monkeypatch.setattr("allanscope.wire.timestamps.comb_of", counted)
+    tracker = PeriodTracker.of(times, 0.0)
+    assert tracker is not None
+    assert tracker.lookahead > 4, "the scatter of the comb decides"
+    assert looked == [len(times)]

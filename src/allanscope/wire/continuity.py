@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -247,14 +248,15 @@ class PeriodTracker:
     @classmethod
     def of(cls, times: Sequence[float], resolution_s: float) -> PeriodTracker | None:
         """Return a tracker of a stream that begins with these times; None without a period."""
-        period_s = period_of(times)
+        comb_once = cache(lambda: comb_of(times))
+        period_s = period_of(times, comb_once)
         if period_s is None:
             return None
         steps = np.diff(times) / period_s
         off = np.abs(steps[np.abs(steps - 1.0) < 0.5] - 1.0)
         if not len(off):
             return None
-        comb = comb_of(times) if math.sqrt(float(np.mean(off**2)) / 2.0) > _ROUGH else None
+        comb = comb_once() if math.sqrt(float(np.mean(off**2)) / 2.0) > _ROUGH else None
         if comb is None:
             return cls(period_s, resolution_s, float(off.max()))
         return cls(period_s, resolution_s, float(off.max()), comb.scatter, len(times))

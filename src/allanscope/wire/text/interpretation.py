@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -209,9 +210,10 @@ class TextInterpreter:
         scaled = [row._replace(device_s=row.device_s / per_second) for row in rows]
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
-        period = period_of(whole)
+        comb = cache(lambda: comb_of(whole))
+        period = period_of(whole, comb)
         uneven = len(whole) > 4 * HELD and rows_come_unevenly(whole)
-        uneven = uneven and (period is None or comb_of(whole) is None)
+        uneven = uneven and (period is None or comb() is None)
         if rows_come_in_bursts(whole) or uneven:
             words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
             if given:

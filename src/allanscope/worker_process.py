@@ -60,7 +60,7 @@ class WorkerProcess:
     def __init__(self, preload: str = "", nice: int = 0) -> None:
         self._shared: list[object] = []
         self._calling, self._sending = threading.Lock(), threading.Lock()
-        self._complaint = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
         command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
         modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # the same as here
         self._process: subprocess.Popen[bytes] | None = None
@@ -72,7 +72,7 @@ class WorkerProcess:
                 env={**os.environ, **modules},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=self._complaint,
+                stderr=self._stderr,
                 start_new_session=True,
             )
         except OSError as error:
@@ -136,7 +136,7 @@ class WorkerProcess:
 
     def close(self) -> None:
         """End the process, whatever it does; callable from any thread, more than once."""
-        self._complaint.close()
+        self._stderr.close()
         if (process := self._process) is None:
             return
         process.kill()
@@ -172,8 +172,8 @@ class WorkerProcess:
         last = ""
         with suppress(ValueError, OSError):  # closed from another thread
             code = self._process.wait(10.0)
-            self._complaint.seek(0)
-            last = self._complaint.read().decode(errors="replace").strip().rpartition("\n")[2]
+            self._stderr.seek(0)
+            last = self._stderr.read().decode(errors="replace").strip().rpartition("\n")[2]
             last = last or f"the process ended with code {code}"
         return WorkerError(last or "the process was ended")
 

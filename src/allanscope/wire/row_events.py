@@ -32,7 +32,7 @@ __all__ = ["RowEvents"]
 
 _FORGIVEN = 2
 _FORGOTTEN = 1000
-_MOST_COMPLAINTS = 3
+_MOST_REPORTED = 3
 _AGAIN = "the row before it again; such rows are left out"
 _IMPOSSIBLE = "its values are impossible; such rows are left out"
 _ODD_TIME = "its time does not fit the next row; such rows are left out"
@@ -75,7 +75,7 @@ class RowEvents:
         self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._damaged = False
         self._blank = 0
-        self._complaints = 0
+        self._reported = 0
 
     def add(
         self,
@@ -260,14 +260,14 @@ class RowEvents:
     def _explain_gap(self, row: Row, back: bool, blank: int, events: list[Event]) -> None:
         """Say of a file why rows are missing, as far as they say so themselves."""
         if back:
-            self._complain(row, "the time goes back: a gap of unknown length", events)
+            self._report_row(row, "the time goes back: a gap of unknown length", events)
         elif blank:
-            self._complain(row, _blank_remark(blank), events)
+            self._report_row(row, _blank_remark(blank), events)
 
     def _leave_out(self, row: Row, why: str, events: list[Event]) -> None:
         """Note a row that is left out: damaged or there twice if it is said why, else suspect."""
         if why:
-            self._complain(row, why, events)
+            self._report_row(row, why, events)
         if why == _AGAIN:
             return
         if why:
@@ -277,11 +277,11 @@ class RowEvents:
             self._stats.suspect += 1
         self._continuity.note_discarded()
 
-    def _complain(self, row: Row, what: str, events: list[Event]) -> None:
+    def _report_row(self, row: Row, what: str, events: list[Event]) -> None:
         """Say what is wrong with a row of a file; of a live stream the counters are seen."""
-        if self._complaints == _MOST_COMPLAINTS or not math.isnan(row.host_s):
+        if self._reported == _MOST_REPORTED or not math.isnan(row.host_s):
             return
-        self._complaints += 1
+        self._reported += 1
         at = "" if math.isnan(row.device_s) else f", time {row.device_s:.6g} s"
         events.append(Notice("error", f"sample {self._index}{at}: {what}"))
 

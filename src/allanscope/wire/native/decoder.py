@@ -104,7 +104,7 @@ class NativeDecoder:
         return []
 
     def finish(self) -> list[Event]:
-        """Return what the end of the stream completes: never samples, at most a complaint."""
+        """Return what the end of the stream completes: never samples, at most an error."""
         return self._assembler.finish()
 
     def _read(self, data: bytes) -> FrameTable:

@@ -40,7 +40,7 @@ _COMMENT = re.compile(r"\A\s*(?:#|%|//)\s*")
 _ENOUGH_UNNAMED = 3
 _ENOUGH_MISALIGNED = 3
 _LONGEST_QUOTE = 60
-_MOST_COMPLAINTS = 3
+_MOST_REPORTED = 3
 _WORTH_A_CALL = 4096
 """Bytes from which on rows are read together."""
 _MOST_EXACT = 1024
@@ -87,7 +87,7 @@ class TextDecoder:
         self._heading = 0
         self._host_s = math.nan
         self._joining = True
-        self._complaints = 0
+        self._reported = 0
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:
         """Take bytes that arrived at host time `host_s` and return what they complete."""
@@ -335,9 +335,9 @@ class TextDecoder:
     def _bad_row(self, text: str, number: int = 0) -> list[Event]:
         """Leave out a line that should be a row; of a file, say why of the first few."""
         self._damage()
-        if self._complaints == _MOST_COMPLAINTS or not math.isnan(self._host_s):
+        if self._reported == _MOST_REPORTED or not math.isnan(self._host_s):
             return []
-        self._complaints += 1
+        self._reported += 1
         quote = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
         why = why_no_row(self._table.columns, text.encode()) if self._table is not None else ""
         line = (

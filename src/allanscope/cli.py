@@ -75,16 +75,20 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
-    from allanscope.pipeline import analyse_input, write_json, write_report, write_table
-
-    _require_writable(options.report, options.json, options.table)
     if not options.report and (options.title or options.operator or options.full):
         raise UsageError("--title, --operator and --full need --report FILE")
-    references = _references(options)
-    analysis = analyse_input(
-        Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
-    )
+    from allanscope.pipeline import search_process
+
+    source = Path(options.input)
+    with search_process(source) as workers:  # before anything heavy is loaded here
+        _require_writable(options.report, options.json, options.table)
+        references = _references(options)
+        from allanscope.pipeline import analyse_input
+
+        asked = source, _device_settings(options), options.quiet, _curve_choices(options)
+        analysis = analyse_input(*asked, workers)
     from allanscope.analysis import with_comparison
+    from allanscope.pipeline import write_json, write_report, write_table
 
     analysis = with_comparison(analysis, references)
     # The numbers first: whatever drawing may run into, they are there.

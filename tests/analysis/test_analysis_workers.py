@@ -1,5 +1,7 @@
 """The result does not depend on who computes its curves, and nobody is left waiting."""
 
+import subprocess
+import sys
 from unittest import mock
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from allanscope.analysis import Analyser, summarise
 from allanscope.analysis.curves import curves_of_bank
 from allanscope.errors import InputError
-from allanscope.pipeline import DeviceSettings, analyse_file, analyse_input
+from allanscope.pipeline import DeviceSettings, analyse_file, analyse_input, process
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerProcess
@@ -41,8 +43,9 @@ def test_a_process_that_loads_while_a_file_is_read_changes_nothing_and_ends(tmp_
             super().__init__(preload)
             started.append(self)
 
-    monkeypatch.setattr(analyse_file, "usable_processes", lambda: 2)
-    monkeypatch.setattr(analyse_file, "WorkerProcess", Watched)
+    for module in (analyse_file, process):
+        monkeypatch.setattr(module, "usable_processes", lambda: 2)
+    monkeypatch.setattr(process, "WorkerProcess", Watched)
     path, empty = tmp_path / "rows.csv", tmp_path / "empty.csv"
     rows = np.random.default_rng(6).normal(0.0, 0.04, (7000, 2)).round(6)
     path.write_text("gx,gy\n" + "".join(f"{x},{y}\n" for x, y in rows))
@@ -50,9 +53,31 @@ def test_a_process_that_loads_while_a_file_is_read_changes_nothing_and_ends(tmp_
     device = DeviceSettings(rate_hz=104.0)
     plain = analyse_input(path, device, quiet=True)
     assert not started, "a short file is read before a process has started"
-    monkeypatch.setattr(analyse_file, "LONG", 0)
+    monkeypatch.setattr(process, "LONG", 0)
     assert analyse_input(path, device, quiet=True).to_dict() == plain.to_dict()
     with pytest.raises(InputError):
         analyse_input(empty, device, quiet=True)
     assert len(started) == 2
     assert all(one._process.poll() is not None for one in started)
+
+
+FIRST_PROCESS = """
+import os, sys
+from allanscope.pipeline import process
+def started(preload):
+    print(preload, "numpy" in sys.modules, flush=True)
+    os._exit(0)
+process.usable_processes, process.WorkerProcess = lambda: 2, started
+from allanscope.__main__ import main
+main(["analyse", sys.argv[1]])
+"""
+
+
+@pytest.mark.parametrize("as_folder", [False, True])
+def test_it_is_started_before_anything_heavy_is_loaded(tmp_path, as_folder):
+    """It loads, and at a first run compiles, what the search takes while this process reads."""
+    file = tmp_path / "session.mcap"
+    file.write_bytes(bytes(process.LONG + 1))
+    command = [sys.executable, "-c", FIRST_PROCESS, str(tmp_path if as_folder else file)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["allanscope.analysis.summary", "False"]

@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         write_table,
     )
     from allanscope.pipeline.process import (
+        search_process,
         stopped_by_signals,
     )
     from allanscope.pipeline.run import (
@@ -124,6 +125,7 @@ __all__ = [
     "run_live",
     "run_replay",
     "run_virtual_device",
+    "search_process",
     "simulate_recording",
     "stability_table",
     "stopped_by_signals",
@@ -169,6 +171,7 @@ __getattr__, __dir__ = lazily(
         "run_live": "run",
         "run_replay": "run",
         "run_virtual_device": "simulate",
+        "search_process": "process",
         "simulate_recording": "simulate",
         "stopped_by_signals": "process",
         "to_json": "check",

@@ -43,6 +43,7 @@ from allanscope.wire.timestamps import (
     rows_come_in_bursts,
     rows_come_unevenly,
 )
+from allanscope.worker_process import WorkerProcess
 
 __all__ = ["analyse", "analyse_columns", "columns_text", "events_of_columns"]
 
@@ -156,6 +157,7 @@ def analyse_columns(
     device: DeviceSettings,
     facts: Mapping[str, str],
     curves: CurveChoices | None = None,
+    workers: Sequence[WorkerProcess] = (),
 ) -> Analysis:
     """Return the full result.
 
@@ -169,6 +171,8 @@ def analyse_columns(
         Where they came from.
     curves : CurveChoices, optional
         How the curves are made.
+    workers : sequence of WorkerProcess
+        They search beside this process.
 
     Raises
     ------
@@ -185,7 +189,7 @@ def analyse_columns(
         raise ValueError("the arrays contain no samples; nothing to analyse")
     known = {"wire": state.info.wire, **facts, "units": columns_text(columns, state.info)}
     link = LinkStats(samples=state.samples, lost_samples=state.lost)
-    return summarise(analyser, link, "full", known)
+    return summarise(analyser, link, "full", known, workers=workers)
 
 
 def columns_text(columns: Columns, info: StreamInfo) -> str:

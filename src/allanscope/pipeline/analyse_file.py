@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.process import usable_processes
+from allanscope.pipeline.process import search_process, usable_processes
 from allanscope.pipeline.replaying import feed_analyser
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
@@ -35,15 +35,13 @@ FEWEST = 5
 FULL_BUFFERED = 1 << 17
 """Rows that it sums up at a time: 20 ms of work for each of two cores."""
 
-LONG = 1 << 20
-"""Bytes of a file from which a process to search beside this one loads while the file is read."""
-
 
 def analyse_input(
     path: Path,
     device: DeviceSettings,
     quiet: bool = False,
     curves: CurveChoices | None = None,
+    workers: Sequence[WorkerProcess] | None = None,
 ) -> Analysis:
     """Return the full result of a file.
 
@@ -57,6 +55,8 @@ def analyse_input(
         Show no progress.
     curves : CurveChoices, optional
         How the curves are made.
+    workers : sequence of WorkerProcess, optional
+        They search beside this process; from `search_process` if not given.
 
     Raises
     ------
@@ -65,47 +65,37 @@ def analyse_input(
     UsageError
         When its sample rate cannot be known from it and was not given.
     """
+    if workers is None:
+        with search_process(path) as started:
+            return analyse_input(path, device, quiet, curves, started)
     facts = {"name": path.name, "path": str(path)}
     if is_table_file(path):
-        return _analyse_table(path, device, facts, quiet, curves)
-    fingerprint, file = None, path
+        return _analyse_table(path, device, facts, quiet, curves, workers)
+    fingerprint = None
     if path.is_dir() or is_recording(path):
         fingerprint, recording = Fingerprint(), Recording(path)
-        file = recording.path
         facts |= recorded_facts(recording)
         device = recorded_settings(recording, device)
     decoding = Decoding(device.for_wire(), device.wire)
     settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
     analyser = Analyser(settings)
-    with ExitStack() as stack:
-        workers = []
-        if settings.processes > 1 and _is_long(file):
-            workers.append(stack.enter_context(WorkerProcess("allanscope.analysis.summary")))
-        feed_analyser(
-            path, decoding, analyser, quiet, on_buffer=fingerprint.add if fingerprint else None
+    feed_analyser(
+        path, decoding, analyser, quiet, on_buffer=fingerprint.add if fingerprint else None
+    )
+    if analyser.state is None or not analyser.state.samples:
+        why = analyser.errors[0] if analyser.errors else "nothing to analyse"
+        raise InputError(f"{path} contains no samples; {why}")
+    _require_rate(path, analyser)
+    facts["wire"] = decoding.wire
+    if fingerprint is not None:
+        facts["sha256"] = fingerprint.hexdigest()
+    from allanscope.analysis import summarise  # half of all that is loaded
+
+    with progress(None, "searching for effects", quiet=quiet):
+        analysis = summarise(
+            analyser, decoding.stats, "full", facts, decoding.reconnects, workers=workers
         )
-        if analyser.state is None or not analyser.state.samples:
-            why = analyser.errors[0] if analyser.errors else "nothing to analyse"
-            raise InputError(f"{path} contains no samples; {why}")
-        _require_rate(path, analyser)
-        facts["wire"] = decoding.wire
-        if fingerprint is not None:
-            facts["sha256"] = fingerprint.hexdigest()
-        from allanscope.analysis import summarise  # half of all that is loaded
-
-        with progress(None, "searching for effects", quiet=quiet):
-            analysis = summarise(
-                analyser, decoding.stats, "full", facts, decoding.reconnects, workers=workers
-            )
     return _require_curve(path, analysis)
-
-
-def _is_long(file: Path) -> bool:
-    """Return whether it takes a while to read a file; what is wrong with it says who opens it."""
-    try:
-        return file.stat().st_size > LONG
-    except (OSError, ValueError):
-        return False
 
 
 def _require_curve(path: Path, analysis: Analysis) -> Analysis:
@@ -158,6 +148,7 @@ def _analyse_table(
     facts: dict[str, str],
     quiet: bool,
     curves: CurveChoices | None,
+    workers: Sequence[WorkerProcess],
 ) -> Analysis:
     """Return the result of a file of arrays."""
     from allanscope.pipeline.analyse_arrays import analyse_columns
@@ -171,7 +162,8 @@ def _analyse_table(
     try:
         columns = with_units(found.columns, dict(device.units))
         with progress(None, "searching for effects", quiet=quiet):
-            analysis = analyse_columns(columns, device, {**facts, "wire": found.kind}, curves)
+            facts["wire"] = found.kind
+            analysis = analyse_columns(columns, device, facts, curves, workers)
     except UsageError:
         raise
     except ValueError as error:

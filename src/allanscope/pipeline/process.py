@@ -10,6 +10,10 @@ Linux with its usual C library is told anything.
 
 SciPy keeps the tables of the last sixteen lengths that it transformed, of each kind of transform:
 15 bytes a row. A record has another length at every result, and sixteen of the longest were 50 MB.
+
+A search shares its axes with a second process, which takes half a second to load, several where no
+bytecode is there yet. `search_process` starts it before anything heavy is loaded here: it is ready
+when the input is read, and what it has compiled need not be compiled twice.
 """
 
 from __future__ import annotations
@@ -23,9 +27,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from allanscope.worker_process import WorkerProcess
+
 __all__ = [
     "configure_malloc",
     "forget_transforms",
+    "search_process",
     "stopped_by_signals",
     "trim_memory",
     "usable_processes",
@@ -38,6 +45,9 @@ ENDING = tuple(
 
 MOST_PROCESSES = 4
 """No more share the axes of one sensor: each takes a hundred megabytes and a second to start."""
+
+LONG = 1 << 20
+"""Bytes of an input from which a second process is worth its start."""
 
 _MMAP_THRESHOLD, _ARENA_MAX, _DONTNEED = -3, -8, 4
 _LARGE_BYTES = 1 << 18
@@ -105,6 +115,25 @@ def usable_processes() -> int:
     if hasattr(os, "sched_getaffinity"):
         return min(len(os.sched_getaffinity(0)), MOST_PROCESSES)
     return min(os.cpu_count() or 1, MOST_PROCESSES)
+
+
+@contextmanager
+def search_process(path: Path) -> Iterator[list[WorkerProcess]]:
+    """Give a process that loads what a search of this input takes; none for a short one."""
+    if usable_processes() < 2 or not _is_long(path):
+        yield []
+        return
+    with WorkerProcess("allanscope.analysis.summary") as worker:
+        yield [worker]
+
+
+def _is_long(path: Path) -> bool:
+    """Return whether it takes a while to read; what is wrong with it says who opens it."""
+    try:
+        files = list(path.iterdir()) if path.is_dir() else [path]
+        return any(file.stat().st_size > LONG for file in files)
+    except (OSError, ValueError):
+        return False
 
 
 def _unchanged_libraries(process: Path) -> Iterator[tuple[int, int]]:

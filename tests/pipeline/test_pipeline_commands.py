@@ -117,4 +117,4 @@ def test_what_fits_and_draws_is_loaded_after_the_input_was_read(words, tmp_path)
     run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     loaded = set(run.stdout.split())
     assert "allanscope.pipeline.analyse_file" in loaded
-    assert not loaded & {"scipy.optimize", "matplotlib", "allanscope.analysis.summary"}
+    assert not loaded & {"matplotlib", "rich", "allanscope.analysis.summary"}

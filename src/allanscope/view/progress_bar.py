@@ -1,9 +1,11 @@
-"""Progress of jobs that take longer than a second: rate and time left, on standard error."""
+"""Progress of jobs that take longer than a second: rate and time left, on standard error.
+
+Rich, which draws the bar, is loaded only where there is one.
+"""
 
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,14 +13,10 @@ from html import escape
 from importlib import import_module
 from typing import TextIO
 
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
-from rich.text import Text
-
 from allanscope.quantities import duration, number
 from allanscope.sanitize import one_line
-from allanscope.view.console import SteadyConsole
 
-__all__ = ["is_notebook", "progress"]
+__all__ = ["is_notebook", "progress", "speed_text"]
 
 _SILENT_FOR_S = 1.0
 _LINE_EVERY_S = 30.0
@@ -64,7 +62,9 @@ def progress(
         return
     stream = stream or sys.stderr
     if stream.isatty():
-        with _Bar(total, description, unit, stream) as bar:
+        from allanscope.view.terminal_bar import TerminalBar
+
+        with TerminalBar(total, description, unit, stream, _SILENT_FOR_S) as bar:
             yield bar.advance
     else:
         yield _Lines(total, description, unit, stream).advance
@@ -106,40 +106,8 @@ class _NotebookBar:
         speed = self._done / passed_s if self._done and passed_s else None
         left = (self._total - self._done) / speed if self._total and speed else None
         share = f' max="{self._total:g}" value="{self._done:g}"' if self._total else ""
-        words = f"{self._description} {_speed_text(speed, left, self._unit)}"
+        words = f"{self._description} {speed_text(speed, left, self._unit)}"
         return f"{escape(words)} <progress{share}></progress>"
-
-
-class _Bar:
-    """A bar that appears after a second and leaves no trace."""
-
-    def __init__(self, total: float | None, description: str, unit: str, stream: TextIO) -> None:
-        self._progress = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=None),
-            TextColumn("{task.percentage:>3.0f} %" if total else "", markup=False),
-            _SpeedColumn(unit),
-            console=SteadyConsole(stream),
-            transient=True,
-            expand=True,
-            refresh_per_second=4,
-        )
-        self._task = self._progress.add_task(one_line(description), total=total)
-        self._timer = threading.Timer(_SILENT_FOR_S, self._progress.start)
-        self._timer.daemon = True
-
-    def __enter__(self) -> _Bar:
-        self._timer.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._timer.cancel()
-        self._timer.join()
-        self._progress.stop()
-
-    def advance(self, amount: float) -> None:
-        """Add what was done."""
-        self._progress.advance(self._task, amount)
 
 
 class _Lines:
@@ -148,7 +116,7 @@ class _Lines:
     def __init__(self, total: float | None, description: str, unit: str, stream: TextIO) -> None:
         self._total, self._unit = total, unit
         self._description = one_line(description)
-        self._console = SteadyConsole(stream, soft_wrap=True)
+        self._stream = stream
         self._done = 0.0
         self._began = self._said = time.monotonic()
 
@@ -162,24 +130,18 @@ class _Lines:
         share = f"{100.0 * self._done / self._total:.0f} %, " if self._total else ""
         speed = self._done / (now - self._began)
         left = (self._total - self._done) / speed if self._total and speed else None
-        self._console.print(f"{self._description}: {share}{_speed_text(speed, left, self._unit)}")
+        from allanscope.view.console import SteadyConsole
+
+        console = SteadyConsole(self._stream, soft_wrap=True)
+        console.print(f"{self._description}: {share}{speed_text(speed, left, self._unit)}")
 
 
-class _SpeedColumn(ProgressColumn):
-    """Rate and time left."""
+def speed_text(speed: float | None, left: float | None, unit: str) -> str:
+    """Return a rate and the time that is left, in s, as far as they are known.
 
-    def __init__(self, unit: str) -> None:
-        super().__init__()
-        self._unit = unit
-
-    def render(self, task: Task) -> Text:
-        """Return them as a text: of the whole job so far, which may come in few large pieces."""
-        speed = task.completed / task.elapsed if task.elapsed and task.completed else None
-        left = (task.total - task.completed) / speed if task.total and speed else None
-        return Text(_speed_text(speed, left, self._unit))
-
-
-def _speed_text(speed: float | None, left: float | None, unit: str) -> str:
+    >>> speed_text(1.2e6, 90.0, "B")
+    '1.20 MB/s, 1 min 30 s left'
+    """
     if speed is None or not unit:
         parts = []
     elif unit == "s":

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -117,3 +120,24 @@ def test_a_bank_without_windows_says_how_to_have_them() -> None:
         AllanBank(RATE).dynamic()
     with pytest.raises(ValueError, match="length in s"):
         AllanBank(RATE, window=-1.0)
+
+
+@pytest.mark.parametrize("taken", [5_000, 300_000])
+def test_a_copy_goes_on_alike(taken: int) -> None:
+    x = run(taken + 40_000)
+    bank = AllanBank(RATE, axes=2, window=0.0)
+    bank.update(x[:taken])
+    copies = [copy.deepcopy(bank), pickle.loads(pickle.dumps(bank))]
+    for one in (bank, *copies):
+        one.update(x[taken:])
+    for one in copies:
+        assert one.dynamic().deviation.tobytes() == bank.dynamic().deviation.tobytes()
+        assert one.dynamic().terms.tobytes() == bank.dynamic().terms.tobytes()
+
+
+def test_a_copy_of_a_short_run_has_no_borders_that_are_not_in_use() -> None:
+    bank = AllanBank(RATE, axes=2, window=0.0)
+    bank.update(run(5_000))
+    borders = bank._borders
+    assert borders is not None
+    assert len(pickle.dumps(borders)) < 0.2 * borders.nbytes

@@ -18,6 +18,7 @@ border lies where those of a cascade that took the window alone would start as w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,9 +142,20 @@ class WindowBorders:
         """Return an independent copy."""
         copy = WindowBorders.__new__(WindowBorders)
         copy.__dict__.update(self.__dict__)
-        for name in ("_places", "_squares", "_terms", "_rows", "_waiting"):
+        for name in ("_places", "_rows", "_waiting"):
             setattr(copy, name, getattr(self, name).copy())
+        for name in ("_squares", "_terms"):
+            setattr(copy, name, self._with_room(getattr(self, name)))
         return copy
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process or a copy needs: no borders that are not in use."""
+        used = {name: getattr(self, name)[: self._used] for name in ("_squares", "_terms")}
+        return vars(self) | used
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._squares, self._terms = self._with_room(self._squares), self._with_room(self._terms)
 
     def lose(self, samples: int) -> None:
         """Note that so many samples are missing."""
@@ -226,8 +238,15 @@ class WindowBorders:
     def _grow(self, cascade: Cascade) -> None:
         missing = len(cascade.lags) - self._terms.shape[1]
         if missing:
-            self._squares = np.pad(self._squares, [(0, 0), (0, 0), (0, missing), (0, 0)])
-            self._terms = np.pad(self._terms, [(0, 0), (0, missing), (0, 0)])
+            self._squares = self._with_room(self._squares, missing)
+            self._terms = self._with_room(self._terms, missing)
+
+    def _with_room(self, held: NDArray[Any], taus: int = 0) -> NDArray[Any]:
+        """Return an array with room for all borders: what is not written to takes no memory."""
+        shape = (MOST_BORDERS, *held.shape[1:-2], held.shape[-2] + taus, 2)
+        new = np.zeros(shape, held.dtype)
+        new[: self._used, ..., : held.shape[-2], :] = held[: self._used]
+        return new
 
     def _thin(self, cascade: Cascade) -> None:
         """Give up every second border."""

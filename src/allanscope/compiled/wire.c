@@ -68,17 +68,16 @@ static uint32_t crc32(const uint8_t *data, int64_t size, const uint32_t (*table)
 
 /* Write the frame that starts at `data` and return how far off its final zero is, or -1. */
 static int64_t cobs_decode(const uint8_t *data, int64_t left, uint8_t *frame) {
-    int64_t size = least(left, LONGEST_CHUNK + 1), here = 0, count = 0;
-    uint8_t places[LONGEST_CHUNK + 1];
+    int64_t size = least(left, LONGEST_CHUNK + 1), here = data[0];
+    if (here == 0) return -1;
+    memcpy(frame, data + 1, (size_t)size - 1);
     while (here < size && data[here] != 0) {
-        places[count++] = (uint8_t)here;
+        frame[here - 1] = 0;
         here += data[here];
     }
-    if (here >= size || count == 0) return -1;
+    if (here >= size) return -1;
     if (memchr(data + 1, 0, (size_t)here - 1) != NULL)
         return -1; /* the walk has stepped over the end of a truncated frame */
-    memcpy(frame, data + 1, (size_t)here - 1);
-    for (int64_t k = 1; k < count; k++) frame[places[k] - 1] = 0;
     return here;
 }
 

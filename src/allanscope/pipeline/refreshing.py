@@ -69,7 +69,7 @@ LOW_PRIORITY = 10
 _OF_FITS = "scipy.optimize"
 """What the first fit would have to load."""
 
-TRIM_S = 600.0
+TRIM_S = 20.0
 """Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result."""
 
 SETTLED_S, BEFORE_S, FEWEST_STRETCH = 60.0, 120.0, 512

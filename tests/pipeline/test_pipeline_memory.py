@@ -109,13 +109,19 @@ def test_memory_goes_down_and_the_libraries_go_on_working() -> None:
     subprocess.run([sys.executable, "-c", PROGRAM], check=True)
 
 
-def test_it_is_done_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("pause_s", "results"), [(60.0, [1, 2, 4, 8]), (0.0, [1, 2, 3, 4, 5, 6, 7, 8, 9])]
+)
+def test_of_results_in_quick_succession_ever_fewer_are_followed_by_it(
+    pause_s: float, results: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     shown: list[int] = []
     done: list[int] = []
     monkeypatch.setattr(refreshing, "REFRESH_S", 0.0)
+    monkeypatch.setattr(refreshing, "TRIM_S", pause_s)
     monkeypatch.setattr(refreshing, "trim_memory", lambda: done.append(len(shown)))
     refresher = refreshing.Refresher(lambda _: shown.append(1), refreshing.RefreshPolicy(1.0, 0.1))
     while len(shown) < 9:
         refresher.offer(Analyser())
     refresher.close()
-    assert done == [1, 2, 4, 8]
+    assert done == results

@@ -70,7 +70,8 @@ _OF_FITS = "scipy.optimize"
 """What the first fit would have to load."""
 
 TRIM_S = 20.0
-"""Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result."""
+"""Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result: that takes
+16 ms, and what results leave behind grows to 13 MB in a minute."""
 
 SETTLED_S, BEFORE_S, FEWEST_STRETCH = 60.0, 120.0, 512
 """The rows about an event are searched so long after it was found, from so long before its onset,

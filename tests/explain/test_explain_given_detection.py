@@ -10,7 +10,7 @@ from scipy.fft import dct
 
 from allanscope.explain.effect import Estimate
 from allanscope.explain.given_detection import conditional_rank, given_detection
-from allanscope.explain.spectrum import StepScan
+from allanscope.explain.spectrum import StepScan, ends_of
 from allanscope.noise.grid import Grid
 
 PENALTY = 10.0
@@ -91,7 +91,8 @@ def test_the_place_of_a_jump_holds_it_and_its_size_is_not_too_large(size):
         rows = size * (np.arange(n) >= at) + rng.standard_normal(n)
         scan = StepScan(grid, dct(rows - rows.mean(), norm="ortho")[1:], known)
         place = scan.place_of_step(tried)
-        held.append(place.first <= at <= place.last)
+        low, high = ends_of(place.instants)
+        held.append(low <= at - 0.5 <= high)
         left, right = rows[: place.best].mean(), rows[place.best :].mean()
         mean.append((right - left) * place.shrinkage / size)
     assert 0.92 < np.mean(held) <= 1.0

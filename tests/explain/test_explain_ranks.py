@@ -16,10 +16,13 @@ from allanscope.explain.effect import Parameter
 from allanscope.explain.effects import (
     cross_coupling,
     drifting_line,
+    excursion,
     gauss_markov,
     random_telegraph,
+    relaxation,
     shock,
     sinusoid,
+    step,
     variance_change,
 )
 from allanscope.explain.series import series_of
@@ -126,6 +129,30 @@ def test_noise_changes_its_level_within_the_rows_that_are_said():
     assert len(starts) > 200
     assert_apt(starts)
     assert_apt(stops)
+
+
+def test_a_jump_is_anywhere_between_its_row_and_the_one_before():
+    """Told to its first row it would be half a row late, which is an eighth of these ranks."""
+    rng, n, ranks = np.random.default_rng(31), 2048, {"step": [], "excursion": [], "relaxation": []}
+    t, lengths = np.arange(n) / RATE, []
+    for _ in range(80):
+        at, size = rng.uniform(40.0, 110.0), np.exp(rng.uniform(np.log(0.4), np.log(5.0)))
+        length, tc = rng.uniform(8.0, 15.0), rng.uniform(6.0, 20.0)
+        noise = rng.standard_normal(n) + np.cumsum(rng.normal(0, 0.01, n))
+        jumps = {
+            step.Step: t >= at,
+            excursion.Excursion: (t >= at) & (t < at + length),
+            relaxation.Relaxation: (t >= at) * np.exp(-np.maximum(t - at, 0.0) / tc),
+        }
+        for kind, shape in jumps.items():
+            for found in kind.propose(view_of(noise + size * shape)):
+                if found.excess > 0:
+                    ranks[kind.kind].append(rank_of_instant(found.effect.time, at, 1 / RATE))
+                    if kind is excursion.Excursion:
+                        lengths.append(rank_of_instant(found.effect.duration, length, 1 / RATE))
+    for one in (*ranks.values(), lengths):
+        assert len(one) > 40
+        assert chance(one) > 0.05
 
 
 def test_hops_that_are_seen_have_the_size_of_their_path():

@@ -32,7 +32,15 @@ from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Basis, Fit, Likelihood
 from allanscope.noise.part import Filter, Part
 
-__all__ = ["Place", "Spectrum", "SpectrumFitter", "StepScan", "local_power_ratio"]
+__all__ = [
+    "Place",
+    "Spectrum",
+    "SpectrumFitter",
+    "StepScan",
+    "ends_of",
+    "instants_before",
+    "local_power_ratio",
+]
 
 Array = NDArray[np.float64]
 
@@ -246,23 +254,54 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a jump is, every sample being as likely beforehand.
+    """Where a jump is, every instant being as likely beforehand.
 
     Where it fits best it looks largest; its size is the mean over all places, by what each gains.
 
     Attributes
     ----------
-    best, first, last : int
-        First sample after it: the likeliest one, and what holds it with 95 %.
+    best : int
+        Likeliest first row after it.
+    instants : ndarray
+        Equally probable instants of it, in rows (`instants_before`).
     shrinkage, scatter : float
         Mean and standard deviation of the size over the places, as shares of that at the best.
     """
 
     best: int
-    first: int
-    last: int
+    instants: Array
     shrinkage: float
     scatter: float
+
+
+def instants_before(at: Ints, gain: Array) -> Array:
+    """Return a hundred equally probable instants of a jump, in rows.
+
+    The first row after a jump is known only: the jump is anywhere since the row before.
+
+    Parameters
+    ----------
+    at : ndarray of int64, shape (m,)
+        First rows after it that were tried, which stand for all rows since the one tried before.
+    gain : ndarray, shape (m,)
+        Log-likelihood of each.
+
+    Examples
+    --------
+    >>> sure = instants_before(np.array([6, 7, 8]), np.array([-50.0, 0.0, -50.0]))
+    >>> float(sure.min()), float(sure.max())
+    (6.005, 6.995)
+    """
+    apart = np.diff(at, prepend=at[0] - 1)
+    below = np.concatenate([[0.0], np.cumsum(apart * np.exp(gain - gain.max()))])
+    borders = np.concatenate([at[:1] - 1, at])
+    return np.interp((np.arange(100) + 0.5) / 100 * below[-1], below, borders)
+
+
+def ends_of(instants: Array) -> tuple[float, float]:
+    """Return the interval that holds 95 of a hundred equally probable values."""
+    low, high = np.quantile(instants, [_OUT, 1 - _OUT], method="hazen").tolist()
+    return low, high
 
 
 class StepScan:
@@ -331,13 +370,10 @@ class StepScan:
         top = int(np.argmax(gain))
         weight = np.exp(gain - gain[top])
         weight /= weight.sum()
-        low, high = np.searchsorted(np.cumsum(weight), [_OUT, 1 - _OUT])
         share = size / size[top] if size[top] else np.ones(len(size))
         mean = float(weight @ share)
         scatter = float(np.sqrt(max(weight @ share**2 - mean**2, 0.0)))
-        last = len(at) - 1
-        ends = int(at[min(low, last)]), int(at[min(high, last)])
-        return Place(int(at[top]), *ends, mean, scatter)
+        return Place(int(at[top]), instants_before(at, gain), mean, scatter)
 
 
 def local_power_ratio(data: Array, rate_hz: float, first: int, last: int) -> float:

@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import PlacedSignal
-from allanscope.explain.effects.step import NEAR_S
+from allanscope.explain.effects.step import NEAR_S, instant_before, row_after
 from allanscope.explain.regression import joint_fit, step_ordinates
-from allanscope.explain.spectrum import StepScan, local_power_ratio
+from allanscope.explain.spectrum import StepScan, ends_of, local_power_ratio
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
-Span = tuple[int, int]
+Span = tuple[float, float]
 
 _SHORTEST_S, _SHORTEST_FOUND_S = 5.0, 2.0
 """Of what is scanned, and of what two steps are; a shorter one is a shock or an outlier."""
@@ -94,7 +94,7 @@ class Excursion(PlacedSignal):
     @classmethod
     def between(cls, view: View, one_s: float, other_s: float) -> Candidate | None:
         """Return the box between two instants; None where it is too short for one."""
-        first, last = (round(t * view.grid.rate_hz) for t in sorted((one_s, other_s)))
+        first, last = (row_after(t * view.grid.rate_hz) for t in sorted((one_s, other_s)))
         shortest = _SHORTEST_FOUND_S * view.grid.rate_hz
         return cls._near(view, first, last) if last - first >= shortest else None
 
@@ -124,8 +124,9 @@ class Excursion(PlacedSignal):
         return _column(view, *self._rows(view))
 
     def _rows(self, view: View) -> tuple[int, int]:
-        rate = view.grid.rate_hz
-        return round(self.time.value * rate), round((self.time.value + self.duration.value) * rate)
+        begin = self.time.value * view.grid.rate_hz
+        first = row_after(begin)
+        return first, first + round(self.duration.value * view.grid.rate_hz)
 
     @classmethod
     def _at(
@@ -133,15 +134,15 @@ class Excursion(PlacedSignal):
         view: View,
         first: int,
         last: int,
-        early: Span = (0, 0),
-        late: Span = (0, 0),
+        begins: Span | None = None,
+        lasts: Span | None = None,
         **placed: float,
     ) -> Candidate:
-        """Fit the size of a box from a row to before another, each off by so many at most."""
+        """Fit the size of a box from a row to before another, with the intervals of its borders."""
         rate, rows = view.grid.rate_hz, last - first
-        time = Estimate(first / rate, (first + early[0]) / rate, (first + early[1]) / rate, "s")
-        shorter, longer = np.hypot(late[0], early[1]), np.hypot(late[1], early[0])
-        duration = Estimate(rows / rate, (rows - shorter) / rate, (rows + longer) / rate, "s")
+        time = instant_before(first, begins or (first - 1.0, float(first)), rate)
+        shortest, longest = lasts or (rows - 1.0, rows + 1.0)
+        duration = Estimate(rows / rate, shortest / rate, longest / rate, "s")
         length = max(view.series.duration_s / _PENALTY_S, 1.0)
         looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
         size = Estimate(1.0, unit=view.unit)
@@ -162,9 +163,11 @@ class Excursion(PlacedSignal):
             tried = np.arange(max(first + 2, last - reach), min(view.grid.n - 1, last + reach))
             end = scan.place_of_box(np.full_like(tried, first), tried, tried)
             last = end.best
-        early, late = ((one.first - 1 - one.best, one.last - one.best) for one in (begin, end))
+        lasts = ends_of(np.subtract.outer(end.instants, begin.instants))
+        lasts = min(lasts[0], last - first), max(lasts[1], last - first)
+        begins = ends_of(begin.instants)
         shrinkage, scatter = begin.shrinkage * end.shrinkage, np.hypot(begin.scatter, end.scatter)
-        return cls._at(view, first, last, early, late, shrinkage=shrinkage, scatter=float(scatter))
+        return cls._at(view, first, last, begins, lasts, shrinkage=shrinkage, scatter=float(scatter))
 
 
 def _column(view: View, first: int, last: int) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.step import EDGE_S, Jump, Step
+from allanscope.explain.effects.step import EDGE_S, Jump, Step, instant_before
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     joint_fit,
@@ -26,9 +26,9 @@ from allanscope.explain.regression import (
     relaxing_ordinates,
     step_ordinates,
 )
+from allanscope.explain.spectrum import ends_of, instants_before
 from allanscope.explain.view import View
 from allanscope.optimise import minimise_between
-from allanscope.quantities import CHI_SQUARE_95
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,12 @@ _BANK = 10
 """Time constants tried, equally far apart in their logarithm; each is paid for."""
 _LEAST_STEP = 10.0
 """Gain of a bare step, in nats, below which no instant is worth a time constant."""
+_TURNS = 3
+"""Of instant and time constant."""
+_PLACES = 41
+"""Rows tried in a turn."""
+_REACH = 20
+"""Rows to each side of the best, at the least: so far every row is one of them."""
 _STEP, _LEAP = 0.02, 0.4
 """Of ln tau: over which derivatives are taken, and the most that it moves in one turn."""
 _CREEPS = 4.0
@@ -143,8 +149,10 @@ class Relaxation(Jump):
         """Fit instant and time constant in turn near given ones; None where nothing creeps."""
         grid, rate = view.grid, view.grid.rate_hz
         longest = _LONGEST * view.series.duration_s
-        for reach in (int(max(2 * rate, 4 * grid.n / grid.low)), int(rate), 20):
-            row, early, late = _place(view, row, tc, reach)
+        reach = int(max(2 * rate, 4 * grid.n / grid.low))
+        for _ in range(_TURNS):
+            row, ends = _place(view, row, tc, reach)
+            reach = int(max(_REACH, ends[1] - ends[0]))
             best, _ = minimise_between(
                 partial(_loss, view, row),
                 float(np.log(max(tc / 2.0, _SHORTEST_S))),
@@ -158,7 +166,7 @@ class Relaxation(Jump):
         amplitude = np.append(fit.amplitude, 0.0)
         if abs(amplitude[1]) < _CREEPS * float(np.sqrt(covariance[1, 1])):
             return None
-        time = Estimate(row / rate, (early - 1) / rate, (late + 0.5) / rate, "s")
+        time = instant_before(row, ends, rate)
         searched = cls.looked_at(view) + float(np.log(_BANK))
         none = Estimate(1.0, unit=view.unit)
         bare = Candidate(cls(time, none, Estimate(tc, unit="s"), none), fit.gain, searched)
@@ -183,15 +191,15 @@ def _columns(view: View, row: int, tc: float) -> Array:
     return np.vstack([_pair(view, row, tc), (longer - shorter) / (2.0 * _STEP)])
 
 
-def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, int, int]:
-    """Return the most telling row near one, and the first and last that are as good at 95 %."""
+def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, tuple[float, float]]:
+    """Return the most telling row near one, and the interval of the instant before it, in rows."""
     grid = view.grid
     fit = joint_fit(view, _pair(view, row, tc))
     m = grid.low
     weight = fit.spectrum.kept[:m] / fit.spectrum.first(m)
     edge = int(EDGE_S * grid.rate_hz)
     tried = np.unique(
-        np.linspace(max(edge, row - reach), min(grid.n - edge, row + reach), 41, dtype=int)
+        np.linspace(max(edge, row - reach), min(grid.n - edge, row + reach), _PLACES, dtype=int)
     )
     gains = np.empty(len(tried))
     for i, at in enumerate(tried.tolist()):
@@ -199,5 +207,4 @@ def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, int, int]:
         normal = (columns * weight) @ columns.T
         projected = (columns * weight) @ view.ordinates[:m]
         gains[i] = 0.5 * projected @ np.linalg.pinv(normal, hermitian=True) @ projected
-    good = tried[gains > gains.max() - CHI_SQUARE_95 / 2]
-    return int(tried[int(np.argmax(gains))]), int(good[0]), int(good[-1])
+    return int(tried[int(np.argmax(gains))]), ends_of(instants_before(tried, gains))

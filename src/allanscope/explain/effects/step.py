@@ -20,7 +20,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, PlacedSignal
 from allanscope.explain.effects.random_telegraph import RandomTelegraph
 from allanscope.explain.regression import joint_fit, step_ordinates
-from allanscope.explain.spectrum import StepScan, local_power_ratio
+from allanscope.explain.spectrum import StepScan, ends_of, local_power_ratio
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
@@ -40,6 +40,25 @@ _PENALTY, _PENALTY_S = calibrated_penalty("step"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
 _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
+
+
+
+def instant_before(row: int, ends: tuple[float, float], rate_hz: float) -> Estimate:
+    """Return the instant of a jump of which the first row after it and the ends are known.
+
+    Halfway between that row and the one before it, as any instant between is as likely.
+    """
+    middle = min(max(row - 0.5, ends[0]), ends[1])
+    return Estimate(middle / rate_hz, ends[0] / rate_hz, ends[1] / rate_hz, "s")
+
+
+def row_after(instant: float) -> int:
+    """Return the first row after an instant in rows; a whole number is that row.
+
+    >>> row_after(6.5), row_after(7.0), row_after(7.0 + 1e-12)
+    (7, 7, 7)
+    """
+    return int(np.ceil(instant - 0.25))
 
 
 @dataclass(frozen=True)
@@ -80,8 +99,8 @@ class Jump(EffectKind):
         return _PENALTY + float(np.log(length) + np.log(ALPHA))
 
     def row(self, view: View) -> int:
-        """Return the first sample after the jump."""
-        return round(self.time.value * view.grid.rate_hz)
+        """Return the first row after the jump."""
+        return row_after(self.time.value * view.grid.rate_hz)
 
 
 @dataclass(frozen=True)
@@ -152,14 +171,11 @@ class Step(Jump, PlacedSignal):
         reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(EDGE_S * rate)
         tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
         place = scan.place_of_step(tried)
-        # Where rows are missing it was at any time between those on both sides.
+        first, last = ends_of(place.instants)
         early, late = view.series.gap_around(place.best)
-        time = Estimate(
-            float(place.best / rate),
-            float((min(place.first, early) - 1) / rate),  # after the last sample of the old level
-            float((max(place.last, late) + 0.5) / rate),
-            "s",
-        )
+        if early < late:  # where rows are missing it was at any time between those on both sides
+            first, last = min(first, early - 1), max(last, late)
+        time = instant_before(place.best, (first, last), rate)
         return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter)
 
 

@@ -188,8 +188,9 @@ def begun(kind: str) -> Draw:
             return Outcome(found=int(bool(made.events)))
         first = own[0].occurrences[0]
         moment = Parameter(first.onset_s, first.lower_s, first.upper_s)
-        block_s = 0.0 if kind == "ramp" else BLOCK_S  # the moment of a jump is known to a block
-        ranks = {"onset": rank_of_parameter(moment, made.at_s, block_s)}
+        # That of a jump is half an exponential on each side, unless it is known within a block.
+        is_sharp = kind == "ramp" or first.upper_s - first.lower_s < 2 * BLOCK_S
+        ranks = {"onset": rank_of_parameter(moment, made.at_s, 0.0 if is_sharp else BLOCK_S)}
         if own[0].frequency_hz is not None and own[0].frequency_interval_hz is not None:
             line = Parameter(own[0].frequency_hz, *own[0].frequency_interval_hz)
             ranks["frequency"] = rank_of_parameter(line, made.frequency_hz)

@@ -66,9 +66,12 @@ LOG_OVERLAP = 0.8
 """Neighbouring looks share most of their blocks, so that their false alarms come together: the log
 of how many fewer there are than looks allow, in white noise at 16 to 18 nats."""
 
-INTERVAL_NATS = 2.5
-"""Log-likelihood below the best within which the moment of a change may be: 95 % and a little more,
-because block values have memory."""
+MEMORY = 1.3
+"""By which the log-likelihood of a moment is divided, because block values have memory."""
+PARTS = 10
+"""Of a block, in each of which the moment of a step may be."""
+QUANTILES = (0.5, 0.025, 0.975)
+"""Of the moment, which are told."""
 RAMP_NATS = 4.0
 """By how much a ramp must be better than a step: a step is the rule."""
 MIXED_SIGMAS = 5.0
@@ -230,8 +233,11 @@ class Change:
     ----------
     kind : {'step', 'ramp'}
         Whether the level is another one from a moment on, or moves.
-    at, lower, upper : int
-        First value after it, and the interval of that.
+    at : int
+        Likeliest first value after it.
+    moment, lower, upper : float
+        When it was, in values: median and ends of the 95 % interval. One of 3.4 is within the value
+        3, the mean of a block, of which four tenths had passed.
     before : float
         Level before it.
     size : float
@@ -240,13 +246,20 @@ class Change:
 
     kind: Literal["step", "ramp"]
     at: int
-    lower: int
-    upper: int
+    moment: float
+    lower: float
+    upper: float
     before: float
     size: float
 
 
-def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
+def locate(
+    values: NDArray[np.float64],
+    earliest: int,
+    spread: float,
+    power: float = 1.0,
+    zero: float = 0.0,
+) -> Change:
     """Return the change that fits a stretch best.
 
     Parameters
@@ -257,13 +270,16 @@ def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
         First place where it may be.
     spread : float
         Least standard deviation of a value about a level.
+    power, zero : float
+        What is this power of the values less `zero` is a mean over the block: where half of it has
+        changed it is halfway.
 
     Examples
     --------
-    >>> values = np.repeat([0.0, 1.0], [40, 6]) + 0.1 * np.sin(7.0 * np.arange(46) ** 2)
-    >>> change = locate(values, earliest=20, spread=0.1)
-    >>> change.kind, change.at, round(change.size, 1)
-    ('step', 40, 1.0)
+    >>> values = np.repeat([0.0, 0.3, 1.0], [40, 1, 6]) + 0.01 * np.sin(7.0 * np.arange(47) ** 2)
+    >>> change = locate(values, earliest=20, spread=0.01)
+    >>> change.kind, change.at, round(change.moment, 1), round(change.size, 1)
+    ('step', 41, 40.7, 1.0)
     """
     steps, ramps = _gains(values)
     earliest = min(max(earliest, 1), len(values) - 1)
@@ -274,16 +290,49 @@ def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
     variance = max(left / len(values), spread**2, 1e-300)
     is_long = best_ramp > 0 and len(values) - best_ramp >= SHORTEST_RAMP
     is_ramp = is_long and (ramps[best_ramp] - steps[best]) / (2 * variance) > RAMP_NATS
-    gains, at = (ramps, best_ramp) if is_ramp else (steps, best)
-    inside = np.flatnonzero(gains[at] - gains < 2 * variance * INTERVAL_NATS)
-    inside = inside[inside >= earliest]
+    at = best_ramp if is_ramp else best
     before = _level(values[:at][::-1], spread)
     if is_ramp:
-        slope = _slope(values, at)
-        size = slope * (len(values) - 1 - at)
+        # The mean of a block is that of its middle: half a block after it began is the first value.
+        gains, first = ramps[earliest:-1, np.newaxis], earliest
+        size = _slope(values, at) * (len(values) - 1 - at)
     else:
-        size = _level(values[at:], spread) - before
-    return Change("ramp" if is_ramp else "step", at, int(inside[0]), int(inside[-1]), before, size)
+        after = _level(values[at:], spread)
+        size, first = after - before, max(earliest - 1, 1)
+        gains = _gains_within(values, _shares(before - zero, after - zero, power))[first:]
+    moment, lower, upper = _quantiles(gains / (2 * variance * MEMORY))
+    times = first + moment, first + lower, first + upper
+    return Change("ramp" if is_ramp else "step", at, *times, before, size)
+
+
+def _shares(before: float, after: float, power: float) -> NDArray[np.float64]:
+    """Return how much of a change a value shows, by how late in its block the change is."""
+    part = 1.0 - (np.arange(PARTS) + 0.5) / PARTS
+    before, after = (max(one, 0.0) if power != 1.0 else one for one in (before, after))
+    if power == 1.0 or before == after:
+        return part
+    mixed = (1.0 - part) * before**power + part * after**power
+    return np.asarray((mixed ** (1.0 / power) - before) / (after - before))
+
+
+def _gains_within(
+    values: NDArray[np.float64], shares: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return by how much a step within each value reduces the sum of squares, shape (n, parts)."""
+    n = len(values)
+    v = (values - values.mean())[:, np.newaxis]
+    after = (n - 1.0 - np.arange(n))[:, np.newaxis]
+    tail = np.cumsum(v[::-1], axis=0)[::-1] - v
+    squares = after + shares**2 - (after + shares) ** 2 / n
+    return np.asarray((tail + shares * v) ** 2 / np.maximum(squares, 1e-12))
+
+
+def _quantiles(loglik: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `QUANTILES` of a moment, each part of each value being as likely beforehand."""
+    weight = np.exp(loglik - loglik.max()).ravel()
+    below = np.concatenate([[0.0], np.cumsum(weight)])
+    borders = np.arange(len(below)) / loglik.shape[1]
+    return np.interp(np.array(QUANTILES) * below[-1], below, borders)
 
 
 def is_one_ramp(values: NDArray[np.float64], first: int, second: int) -> bool:

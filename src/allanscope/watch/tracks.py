@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.quantities import TWO_SIDED_95
 from allanscope.samples import unit_of
 from allanscope.watch.events import Event, Occurrence
 
@@ -23,8 +24,11 @@ MOST_TRACKS, MOST_SPANS = 256, 64
 
 SAME_SIZE_RATIO = 2.0
 """Ratio of sizes up to which a change that comes back is the same one."""
-LEAST_LINE_ERROR = 0.05
-"""Bins by which the frequency of a line is uncertain at least: no fan is a crystal."""
+LEAST_LINE_ERROR = 0.01
+"""Bins by which the frequency of a line is uncertain at least. The interval is that of its mean
+frequency: how far a fan strays from that is its own."""
+HANN = np.array([[1.0, 2 / 3, 2 / 3], [2 / 3, 1.0, 1 / 6], [2 / 3, 1 / 6, 1.0]])
+"""Correlation, in phase with a line, of the noise in a bin and in those below and above it."""
 SIMULTANEOUS_S = 2.0
 """Changes of a kind that begin so close to each other on several axes are one event."""
 
@@ -99,25 +103,16 @@ class Track:
         """Where in the spectrum a line is, in bins, with a 95 % interval.
 
         A Hann window shows a line d bins above a bin there as 1, above as (1 + d) / (2 - d), below
-        as (1 - d) / (2 + d) of its amplitude.
+        as (1 - d) / (2 + d) of its amplitude. Their mean powers so far are known.
         """
-        middle, below, above, noise = self.powers
-        side = max(below, above)
-        if self.followed == 0 or middle <= 0.0 or side <= 0.0:
+        *powers, noise = self.powers
+        if self.followed == 0 or powers[0] <= 0.0 or max(powers[1:]) <= 0.0:
             return self.bin, self.bin - 1.5, self.bin + 1.5
-        down, up = (min(math.sqrt(max(one, 0.0) / middle), 5.0) for one in (below, above))
-        share = up**2 / (up**2 + down**2)
-        away = share * (2.0 * up - 1.0) / (up + 1.0) - (1.0 - share) * (2.0 * down - 1.0) / (
-            down + 1.0
-        )
-        error = [
-            math.sqrt((noise**2 + 2.0 * noise * power) / self.followed) / (2.0 * power)
-            for power in (side, middle)
-        ]
-        ratio = max(up, down)
-        # Neighbouring bins share much of their noise: 1.4 standard errors as if they did not.
-        reach = 1.4 * 3.0 * ratio / (ratio + 1.0) ** 2 * math.hypot(*error) + LEAST_LINE_ERROR
-        return self.bin + away, self.bin + away - min(reach, 1.5), self.bin + away + min(reach, 1.5)
+        known = np.array(powers)
+        error = TWO_SIDED_95 * _error_of_offset(known, noise) / math.sqrt(self.followed)
+        reach = min(math.hypot(error, LEAST_LINE_ERROR), 1.5)
+        at = self.bin + _offset(known)
+        return at, at - reach, at + reach
 
     @property
     def last(self) -> Span:
@@ -197,6 +192,27 @@ class Tracks:
         """Note that a change has gone."""
         track.last.end = max(sample, track.last.onset)
         self.unreported.append((track, "gone"))
+
+
+def _offset(powers: NDArray[np.float64]) -> float:
+    """Return how far from its bin a line of given powers is: in it, below and above."""
+    middle, below, above = np.maximum(powers, 0.0).tolist()
+    down, up = (min(math.sqrt(one / middle), 5.0) for one in (below, above))
+    share = up**2 / (up**2 + down**2)
+    return share * (2.0 * up - 1.0) / (up + 1.0) - (1.0 - share) * (2.0 * down - 1.0) / (down + 1.0)
+
+
+def _error_of_offset(powers: NDArray[np.float64], noise: float) -> float:
+    """Return the standard error of that from one block.
+
+    Noise moves the power p of a line in a bin by 2 sqrt(p) times its part in phase, and by its own;
+    what neighbouring bins have of it is alike, as they share it (`HANN`).
+    """
+    p = np.maximum(powers, 0.0)
+    covariance = 2.0 * noise * HANN * np.sqrt(np.outer(p, p)) + (noise * HANN) ** 2
+    step = 1e-3 * p[0]
+    slope = [(_offset(p + step * one) - _offset(p)) / step for one in np.eye(3)]
+    return float(np.sqrt(slope @ covariance @ slope))
 
 
 def _is_same_size(first: float, second: float) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +47,8 @@ LEAKAGE_RATIO = 0.3
 """Power that leaks into a bin, in units of the noise there, which a line would be told from."""
 LEVEL_KINDS = ("step", "ramp")
 """Changes of the level of an axis."""
+SCALES = {"variance_change": (3.0, -3.0), "repeated_samples": (2.0, 0.0)}
+"""Power of the values of a series, less a zero, that is a mean over the block; else the values."""
 NOISE_GUARD_BLOCKS = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
 
@@ -238,21 +239,20 @@ class Watch:
     def _between(self, kind: str, first: int, change: Change, size: float) -> Span:
         """Return the span of a change of a series that begins with a block.
 
-        It is told to the nearest border of two blocks: one that is half changed belongs to either.
-        A ramp begins half a block after its first value does, which is the mean of a block. The
-        scales of noise and of repeats are concave: a quarter of a block makes it look changed.
+        A rate that changes after the last time within a block is seen in the next one.
         """
-        span = self._span(first + change.at, first + change.lower, first + change.upper, size)
-        half = self._rows // 2
-        is_level = kind in LEVEL_KINDS
-        upper = self._sample(first + change.upper) + (half if is_level else 3 * self._rows // 4)
-        later = half if change.kind == "ramp" else 0
-        return replace(
-            span,
-            onset=min(span.onset + later, self._position),
-            lower=max(span.lower - half + later, 0),
-            upper=min(upper + later, self._position),
+        onset, lower, upper = (
+            self._moment(first + one) for one in (change.moment, change.lower, change.upper)
         )
+        late = self._clock.late if kind == "rate_change" else 0
+        onset, lower = max(onset - (late + 1) // 2, 0), max(lower - late, 0)
+        return Span(first + change.at, onset, lower, upper, self._position, size)
+
+    def _moment(self, place: float) -> int:
+        """Return the number of a sample within a block."""
+        block = math.floor(place)
+        start, stop = self._sample(block), self._sample(block + 1)
+        return start + round((place - block) * (stop - start))
 
     # --- series ---------------------------------------------------------------------------------
 
@@ -271,9 +271,10 @@ class Watch:
         values = self._scan.values(channel, first)
         first = now - len(values)
         spread = self._scan.spread(channel)
-        change = locate(values, len(values) - 4 * alarm.window - 16, spread)
+        change = locate(values, len(values) - 4 * alarm.window - 16, spread, *SCALES.get(kind, ()))
         at = first + change.at
-        self._scan.restart(channel, min(first + change.upper + 1, now))  # not in its midst
+        earliest, latest_block = (first + math.floor(one) for one in (change.lower, change.upper))
+        self._scan.restart(channel, min(latest_block + 1, now))  # not in its midst
         kinds = LEVEL_KINDS if kind == "step" else (kind,)
         after = float(values[change.at :].mean())
         if kind == "repeated_samples" and self._tracks_of(self._axes):
@@ -285,7 +286,7 @@ class Watch:
         latest = self.tracks.open(axis, kinds)[:1] if kind == "step" else []
         if any(self._extend_ramp(channel, track, at, after) for track in latest):
             return
-        if kind == "variance_change" and self._has_another_cause(axis, first + change.lower, at):
+        if kind == "variance_change" and self._has_another_cause(axis, earliest, at):
             return
         size = change.size
         if kind == "step":
@@ -453,9 +454,15 @@ class BlockClock:
     ----------
     rate_hz : float
         Nominal samples a second.
+
+    Attributes
+    ----------
+    late : int
+        Samples between the last time that was used and the end of the block.
     """
 
     def __init__(self, rate_hz: float) -> None:
+        self.late = 0
         self._period_s = 1.0 / rate_hz
         self._nominal_s = 1.0 / rate_hz
         self._positions = np.empty(0, np.int64)
@@ -511,4 +518,5 @@ class BlockClock:
         self._times = self._times[before:]
         if end - position > 1.0 / self._nominal_s:
             return None
-        return time_s + (end - position) * self._period_s
+        self.late = end - position
+        return time_s + self.late * self._period_s

@@ -18,6 +18,7 @@ from allanscope.explain.effects import (
     drifting_line,
     excursion,
     gauss_markov,
+    high_pass,
     random_telegraph,
     relaxation,
     shock,
@@ -216,3 +217,18 @@ def test_the_bandwidth_of_a_drifting_line_is_known_as_the_record_resolves_it():
             ranks.append(rank(found.effect.bandwidth, high - low))
     assert len(ranks) > 100
     assert_apt(ranks)
+
+
+def test_the_corner_of_a_high_pass_has_the_interval_of_its_likelihood():
+    """A first order, with a dozen or more ordinates below: a parabola holds 85 % at 95 %."""
+    rng, n, ranks = np.random.default_rng(32), 3120, []
+    for _ in range(60):
+        corner = np.exp(rng.uniform(np.log(0.06), np.log(0.2)))
+        keep = np.exp(-2 * np.pi * corner / RATE)
+        rows = rng.standard_normal(n)
+        rows = rows - lfilter([1 - keep], [1.0, -keep], rows)
+        for found in high_pass.HighPass.propose(view_of(rows)):
+            ranks.append(rank(found.effect.corner, corner))
+    assert len(ranks) > 40
+    assert chance(ranks) > 0.05
+    assert np.mean(np.abs(np.array(ranks) - 0.5) < 0.475) > 0.88

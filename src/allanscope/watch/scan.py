@@ -315,9 +315,7 @@ def _shares(before: float, after: float, power: float) -> NDArray[np.float64]:
     return np.asarray((mixed ** (1.0 / power) - before) / (after - before))
 
 
-def _gains_within(
-    values: NDArray[np.float64], shares: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _gains_within(values: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return by how much a step within each value reduces the sum of squares, shape (n, parts)."""
     n = len(values)
     v = (values - values.mean())[:, np.newaxis]

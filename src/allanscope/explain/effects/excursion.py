@@ -167,7 +167,9 @@ class Excursion(PlacedSignal):
         lasts = min(lasts[0], last - first), max(lasts[1], last - first)
         begins = ends_of(begin.instants)
         shrinkage, scatter = begin.shrinkage * end.shrinkage, np.hypot(begin.scatter, end.scatter)
-        return cls._at(view, first, last, begins, lasts, shrinkage=shrinkage, scatter=float(scatter))
+        return cls._at(
+            view, first, last, begins, lasts, shrinkage=shrinkage, scatter=float(scatter)
+        )
 
 
 def _column(view: View, first: int, last: int) -> Array:

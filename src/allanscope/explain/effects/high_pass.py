@@ -12,8 +12,9 @@ be the larger.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -21,12 +22,13 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects import EffectKind, errors_at
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.regression import reach_at_95
 from allanscope.explain.residual import removes
 from allanscope.explain.view import View
 from allanscope.noise.components import AngleQuantization, FlickerPhase
 from allanscope.noise.filters import HighPass as Filter
-from allanscope.optimise import minimise
+from allanscope.optimise import minimise, minimise_between
 from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 Array = NDArray[np.float64]
@@ -37,12 +39,13 @@ _LOW = 0.5
 """Most of the white noise that is left of them on average."""
 _HIGHEST = 0.2
 """Highest corner, as a share of the rate: beyond, it is the shape of the white noise."""
-_SLOPES = (0.6, 6.0)
-"""Of the filter: at a half it would not end."""
+_SLOPES = (1.0, 6.0)
+"""Of the filter: none is of less than the first order."""
 _TRIED = 8
 """Corners tried first."""
-_STEP = 0.02
-"""Of ln corner and ln slope, over which the likelihood is a parabola."""
+_SCALE, _TURN = 0.15, 0.7
+"""Of ln corner, with which the search for the ends of its interval begins, and how far ln slope
+goes along."""
 
 
 @dataclass(frozen=True)
@@ -114,12 +117,15 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
         corner, slope = np.exp(point).tolist()
         return Filter(corner, slope, length_s)
 
+    def lost(point: Array) -> float:
+        return -view.loglik_with(at(point))
+
     def loss(point: Array) -> float:
         if not (low <= point[0] <= high and _SLOPES[0] <= np.exp(point[1]) <= _SLOPES[1]):
             return 1e12
-        return -view.loglik_with(at(point))
+        return lost(point)
 
-    first = min((np.array([np.log(one), 0.0]) for one in corners), key=loss)
+    first = min((np.array([np.log(one), 0.05]) for one in corners), key=loss)
     found = minimise(loss, first, 0.15 * np.eye(2), x_within=1e-3, within=1e-3, turns=80)
     if found.value >= 1e12:
         return None
@@ -129,9 +135,27 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
     slow += (noise.value("K") / (2 * np.pi * high_pass.corner)) ** 2
     if noise.value("N") ** 2 < slow:
         return None
-    error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
-    corner = Estimate.of_log(high_pass.corner, error, "Hz")
+    corner = _interval(lost, found.x, found.value)
     gain = -found.value - view.spectrum.loglik
     return Candidate(
         HighPass(corner, high_pass.slope), gain, float(np.log(_TRIED)), parts=(high_pass,)
     )
+
+
+def _interval(lost: Callable[[Array], float], at: Array, least: float) -> Estimate:
+    """Return the corner with where the likelihood, all else refitted, has dropped as 95 % allow.
+
+    Towards the end of the record few ordinates are left below a corner: it is no parabola.
+    """
+    slopes = [float(np.log(one)) for one in _SLOPES]
+
+    def drop(side: float, distance: float) -> float:
+        x = at[0] + side * distance * _SCALE
+        low, high = max(at[1] - _TURN, slopes[0]), min(at[1] + _TURN, slopes[1])
+        return minimise_between(lambda y: lost(np.array([x, y])), low, high, within=0.02)[1] - least
+
+    lower, upper = (
+        float(np.exp(at[0] + side * _SCALE * reach_at_95(partial(drop, side))))
+        for side in (-1.0, 1.0)
+    )
+    return Estimate(float(np.exp(at[0])), lower, upper, "Hz")

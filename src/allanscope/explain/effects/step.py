@@ -42,7 +42,6 @@ _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
 
 
-
 def instant_before(row: int, ends: tuple[float, float], rate_hz: float) -> Estimate:
     """Return the instant of a jump of which the first row after it and the ends are known.
 

@@ -9,7 +9,7 @@ is known to a row.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from blind_noise import Array
@@ -28,7 +28,7 @@ from allanscope.history import History
 from allanscope.noise import NoiseFit, fit_noise
 from allanscope.noise.drift import ramp_pattern
 from allanscope.noise.evidence import Ordinates
-from allanscope.noise.likelihood import Likelihood
+from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.selection import Q_PENALTY
 from allanscope.quantities import TWO_SIDED_95
 
@@ -232,8 +232,31 @@ def rank_of_coefficient(fit: NoiseFit, name: str, truth: float) -> float | None:
     if name == "N":
         return float(norm.cdf(away))
     limit = 2 * Q_PENALTY if name == "Q" else DETECTED
-    observed = np.sqrt(max(lost(0.0), limit))
-    return conditional_rank(observed + away, observed, np.sqrt(limit))
+    least = just_detected(inner, index, min(limit / lost(0.0), 1.0))
+    return conditional_rank(away, 0.0, -np.sqrt(lost(least) / (1 + 2 / 3 * relative**2)))
+
+
+def just_detected(fit: Fit, index: int, share: float) -> float:
+    """Return the amplitude of which so much of the evidence against zero would be expected.
+
+    Near zero evidence grows by the fourth power of an amplitude, far above by less than its square:
+    the limit is farther from the estimate than the roots of their evidence are from each other.
+    """
+    free, best = fit.free[index], float(fit.values[index])
+
+    def evidence(value: float) -> float:
+        model = fit.model.with_numbers([free], [value])
+        power = fit.likelihood.expected(model)
+        ends = np.cumsum([len(part.power) for part in fit.likelihood.evidence])[:-1]
+        parts = zip(fit.likelihood.evidence, np.split(power, ends), strict=True)
+        exact = Likelihood([replace(part, power=own) for part, own in parts])
+        none = exact.maximise(model.with_numbers([free], [0.0]), held=fit.held | {free})
+        return exact.value(power) - none.loglik
+
+    wanted = share * evidence(best)
+    if share >= 1.0:
+        return best
+    return brentq(lambda value: evidence(value) - wanted, 1e-3 * best, best, rtol=1e-3)
 
 
 def rank_of_number(name: str, found: Parameter, truth: float, row: float) -> float | None:

@@ -220,7 +220,7 @@ def test_the_bandwidth_of_a_drifting_line_is_known_as_the_record_resolves_it():
 
 
 def test_the_corner_of_a_high_pass_has_the_interval_of_its_likelihood():
-    """A first order, with a dozen or more ordinates below: a parabola holds 85 % at 95 %."""
+    """A first order, with a dozen or more ordinates below."""
     rng, n, ranks = np.random.default_rng(32), 3120, []
     for _ in range(60):
         corner = np.exp(rng.uniform(np.log(0.06), np.log(0.2)))

@@ -295,7 +295,7 @@ def instants_before(at: Ints, gain: Array) -> Array:
     apart = np.diff(at, prepend=at[0] - 1)
     below = np.concatenate([[0.0], np.cumsum(apart * np.exp(gain - gain.max()))])
     borders = np.concatenate([at[:1] - 1, at])
-    return np.interp((np.arange(100) + 0.5) / 100 * below[-1], below, borders)
+    return np.asarray(np.interp((np.arange(100) + 0.5) / 100 * below[-1], below, borders))
 
 
 def ends_of(instants: Array) -> tuple[float, float]:

@@ -330,7 +330,7 @@ def _quantiles(loglik: NDArray[np.float64]) -> NDArray[np.float64]:
     weight = np.exp(loglik - loglik.max()).ravel()
     below = np.concatenate([[0.0], np.cumsum(weight)])
     borders = np.arange(len(below)) / loglik.shape[1]
-    return np.interp(np.array(QUANTILES) * below[-1], below, borders)
+    return np.asarray(np.interp(np.array(QUANTILES) * below[-1], below, borders))
 
 
 def is_one_ramp(values: NDArray[np.float64], first: int, second: int) -> bool:

@@ -5,6 +5,8 @@ but it stamps every sample with its clock. The stamp is taken when the sample wa
 to a polling loop late; so it is not the step between two stamps that is compared with the period,
 but each stamp with the time that the samples before predict (`PeriodTracker`). A sample that is
 late is followed by one that is not; one that is missing shifts all that follow by a whole period.
+Where stamps are late and none came after a long step, the device has become slower, as a polling
+loop does that has more to print, and its period is learnt anew.
 
 A jump is believed only when the next stamp confirms it.
 
@@ -56,6 +58,8 @@ _FIRST_TRUST = 16
 _LEAST_SCATTER = 0.02
 _NEARBY = 8.5
 _STEPS = 2.5
+_LEAST_STEP = 1.4
+"""Step in periods below which nothing is missing, however late a stamp is."""
 _ROUGH = 0.08
 """Scatter of the stamps, in periods, from which several of them decide."""
 _LOSS, _REPEAT, _OTHER, _OUTLIER = 8.0, 4.0, 12.0, 6.0
@@ -217,7 +221,8 @@ class PeriodTracker:
     rms : float
         Standard deviation of the stamps, in periods.
     rows : int
-        How many the period was taken from.
+        How many the comb was taken from that the period is of. Its relative error of sqrt(12)
+        s / rows^1.5 is kept until two stamps that scatter by s are far enough from each other.
 
     Attributes
     ----------
@@ -239,7 +244,7 @@ class PeriodTracker:
         self._reach = min(1.0 / (8.0 * max(scatter, _LEAST_SCATTER)), 1.0)
         self._plausible = period_s / 2, period_s * 2
         self._period = period_s
-        self._trusted = max(_FIRST_TRUST, rows // 2)
+        self._trusted = max(_FIRST_TRUST, round(rows**1.5 / math.sqrt(6.0)))
         self._expected: float | None = None
         self._last = -math.inf
         self._samples = 0
@@ -299,6 +304,8 @@ class PeriodTracker:
         early = -1.5 < late < -0.5 and again and len(after)
         if early and -1.5 < self._lateness(float(after[0])) - 1.0 < -0.5:
             return "repeat"
+        if not damaged and time_s - self._last < _LEAST_STEP * self._period:
+            return 0
         number = max(0, round(late))
         return number if number <= self._known() * self._reach else None
 
@@ -378,6 +385,10 @@ class PeriodTracker:
             low, high = self._plausible
             self._period = min(max(period, low), high)
         off = time_s - expected
+        if missing == 0 and not self._rms and off > self._period / 2.0:
+            # No step was long, and yet they add up: the device has become slower.
+            self._anchors, self._trusted = [(self._samples, time_s)], _FIRST_TRUST
+            expected, off = time_s, 0.0
         if self._rms:
             off = min(max(off, -self._period / 2.0), self._period / 2.0)
         self._expected = expected + _PULL * off + self._period

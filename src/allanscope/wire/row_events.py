@@ -33,6 +33,8 @@ __all__ = ["RowEvents"]
 _FORGIVEN = 2
 _FORGOTTEN = 1000
 _MOST_REPORTED = 3
+_ALIKE = 0.1
+"""Scatter of the steps of a stream, in periods, up to which a few rows tell its period."""
 _AGAIN = "the row before it again; such rows are left out"
 _IMPOSSIBLE = "its values are impossible; such rows are left out"
 _ODD_TIME = "its time does not fit the next row; such rows are left out"
@@ -351,7 +353,8 @@ class _Again:
 
 
 def _even(times: list[float]) -> bool:
-    """Return whether all steps are alike: these are no bursts."""
+    """Return whether all steps are alike: these are no bursts, and no polling loop's."""
     steps = np.diff(np.asarray(times, np.float64))
     middle = float(np.median(steps)) if np.isfinite(steps).all() else math.nan
-    return bool(middle > 0.0 and np.abs(steps - middle).max() < 0.5 * middle)
+    off = np.abs(steps - middle)
+    return bool(middle > 0.0 and off.max() < 0.5 * middle and steps.std() < _ALIKE * middle)

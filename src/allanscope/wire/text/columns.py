@@ -30,6 +30,8 @@ _AXIS = re.compile(
 )
 """The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS."""
 _TIME = re.compile(r"t|ts|time|timestamp|time_stamp|fieldheaderstamp|seconds_elapsed")
+_CLOCKS = {"millis": "ms", "micros": "us"}
+"""Names that tell the unit: Arduino's clocks."""
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _BARE_AXIS = re.compile(r"([xyz])[_.]?\d?")
 _SEPARATORS = "\t;,|"
@@ -126,6 +128,8 @@ def _named(name: str, unit: str) -> Column | None:
         return _column("temperature", unit)
     if _TIME.fullmatch(name):
         return _column("time", unit)
+    if name in _CLOCKS and not unit:
+        return _column("time", _CLOCKS[name])
     return _column("temperature", unit) if _TEMPERATURE.fullmatch(name) else None
 
 

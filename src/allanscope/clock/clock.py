@@ -56,6 +56,9 @@ cadence is that of the frames, and the scatter of arrivals in units of a pause t
 LONGEST_PAUSE_S = 20e-3
 """No reader and no adapter makes bytes wait for longer."""
 
+SETTLED_S = 10.0
+"""So long a time of a device is better than what its first rows showed."""
+
 SETTLED_ROWS = 16
 """With more rows than this, the window that is still filling up is left out of the fit."""
 
@@ -81,6 +84,9 @@ class Clock:
         Step of the device's time.
     crystal : bool
         Whether the device's clock is known to be a crystal, which overrules the host.
+    seen : bool
+        Whether `nominal_hz` is only what the first rows showed: then the device's time is better
+        however unevenly it goes, as that of a polling loop which has become slower.
 
     Examples
     --------
@@ -101,8 +107,10 @@ class Clock:
         device_clock: bool = True,
         device_resolution_s: float = 0.0,
         crystal: bool = False,
+        seen: bool = False,
     ) -> None:
         self.nominal_hz = nominal_hz
+        self._seen = seen
         self._device_clock = device_clock
         self._crystal = crystal
         self._device_resolution_s = device_resolution_s
@@ -112,7 +120,8 @@ class Clock:
     def of(cls, info: StreamInfo) -> Clock:
         """Return the clock of a stream that describes itself."""
         crystal = info.device_clock and not info.tabular
-        return cls(info.nominal_hz, info.device_clock, info.time_resolution_s, crystal)
+        seen = info.tabular and not info.rate_claimed
+        return cls(info.nominal_hz, info.device_clock, info.time_resolution_s, crystal, seen)
 
     def update(self, index: int, ticks: Ticks) -> None:
         """Take the ticks of a block whose first sample has the number `index`."""
@@ -156,6 +165,8 @@ class Clock:
             return self._fit(device, "device", device_sigma, host, device)
         if host is not None and host_sigma < KNOWN_BELOW:
             return self._fit(host, "host", host_sigma, host, device)
+        if self._seen and host is None and device is not None and device.span_s > SETTLED_S:
+            return self._fit(device, "device", device.relative_sigma, host, device)
         return RateFit(self.nominal_hz, self.nominal_hz, "nominal", host=host, device=device)
 
     def arrivals(

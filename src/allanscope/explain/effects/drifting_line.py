@@ -28,6 +28,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idct
+from scipy.signal import find_peaks
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
@@ -59,6 +60,9 @@ _LEAST = 30.0
 _BRIDGED = 100
 """Ordinates between two loud ones of one line, the sidebands of what is modulated; never more than
 a fiftieth of its frequency."""
+_VALLEY, _DEEP = 24, 5.0
+"""Ordinates over which the density is averaged where lines touch, and the factor by which it falls
+between two of them."""
 _MARGIN = 2
 """Ordinates on each side of a cluster that belong to it; clusters that would share one are one."""
 _BESIDE, _CLEARLY, _ABOVE = 3, 4.0, 10.0
@@ -190,6 +194,28 @@ def clusters(view: View, low: float, high: float) -> list[Cluster]:
     grown = [Cluster(max(0, c.first - _MARGIN), min(len(u), c.stop + _MARGIN)) for c in found]
     kept = [c for c in grown if float(np.sum(u[c.first : c.stop] - 1)) > _LEAST]
     return [Cluster(first + c.first, first + c.stop) for c in kept]
+
+
+def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
+    """Return the parts of a cluster between which its density falls far below the peaks of both.
+
+    Two motors that run at nearly the same speed are loud all the way from one to the other. Powers
+    of noise scatter; that a mean over so many is a fifth of that of as many others by chance is
+    one in 10^4.
+    """
+    inside = slice(cluster.first, cluster.stop)
+    u = view.squares[inside] / view.spectrum.ordinates[inside]
+    if len(u) < 3 * _VALLEY:
+        return [cluster]
+    mean = np.maximum(np.convolve(u, np.ones(_VALLEY) / _VALLEY, mode="same"), 1.0)
+    level = np.concatenate([[0.0], np.log(mean), [0.0]])  # a peak at the edge is one
+    peaks, _ = find_peaks(level, prominence=np.log(_DEEP), distance=_VALLEY)
+    cuts = [
+        cluster.first + left + int(mean[left:right].argmin())
+        for left, right in zip((peaks[:-1] - 1).tolist(), peaks[1:].tolist(), strict=True)
+    ]
+    edges = [cluster.first, *cuts, cluster.stop]
+    return [Cluster(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
 def profile_of(view: View, cluster: Cluster) -> tuple[LineProfile, float]:

@@ -19,6 +19,7 @@ from allanscope.explain.effects.drifting_line import (
     drifting_line,
     excess,
     gain_of,
+    lines_of,
     profile_of,
     range_of,
 )
@@ -53,6 +54,8 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         is_one = len(whole.excluded) > 1 or high - low < _FAMILY * high
         if is_one or excess(view, *parts) < _MOST * excess(view, band):
             parts = [band]
+        if len(whole.excluded) == 1:
+            parts = [one for part in parts for one in lines_of(view, part)]
         path.evaluations += len(parts)
         if path.is_spent:
             path.stop("drifting lines")

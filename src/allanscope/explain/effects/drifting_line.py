@@ -63,6 +63,9 @@ a fiftieth of its frequency."""
 _VALLEY, _DEEP = 24, 5.0
 """Ordinates over which the density is averaged where lines touch, and the factor by which it falls
 between two of them."""
+_MOST_PARTS, _WAVES, _TOGETHER = 64, 16, 0.5
+"""Parts of the record in which two lines must be at one time, ordinates of their range for each,
+and the mean product of their powers over that of independent ones."""
 _MARGIN = 2
 """Ordinates on each side of a cluster that belong to it; clusters that would share one are one."""
 _BESIDE, _CLEARLY, _ABOVE = 3, 4.0, 10.0
@@ -201,7 +204,8 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
 
     Two motors that run at nearly the same speed are loud all the way from one to the other. Powers
     of noise scatter; that a mean over so many is a fifth of that of as many others by chance is
-    one in 10^4.
+    one in 10^4. What goes to and fro is loud where it turns too, but there at one time, here at
+    another.
     """
     inside = slice(cluster.first, cluster.stop)
     u = view.squares[inside] / view.spectrum.ordinates[inside]
@@ -214,8 +218,31 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
         cluster.first + left + int(mean[left:right].argmin())
         for left, right in zip((peaks[:-1] - 1).tolist(), peaks[1:].tolist(), strict=True)
     ]
-    edges = [cluster.first, *cuts, cluster.stop]
-    return [Cluster(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts: list[Cluster] = []
+    for first, stop in zip([cluster.first, *cuts], [*cuts, cluster.stop], strict=True):
+        part = Cluster(first, stop)
+        if parts and not _at_one_time(view, parts[-1], part):
+            part = Cluster(parts.pop().first, stop)
+        parts.append(part)
+    return parts
+
+
+def _at_one_time(view: View, one: Cluster, other: Cluster) -> bool:
+    """Return whether the powers of two clusters are there in the same parts of the record."""
+    count = min(_MOST_PARTS, (other.stop - one.first) // _WAVES)
+    powers = [
+        [float(np.sum(part**2)) for part in np.array_split(_inside(view, cluster), count)]
+        for cluster in (one, other)
+    ]
+    here, there = np.array(powers)
+    return float(np.mean(here * there)) > _TOGETHER * float(here.mean() * there.mean())
+
+
+def _inside(view: View, cluster: Cluster) -> Array:
+    """Return the part of the data within a cluster, in time."""
+    kept = np.zeros(view.grid.n)
+    kept[1 + cluster.first : 1 + cluster.stop] = view.ordinates[cluster.first : cluster.stop]
+    return np.asarray(idct(kept, norm="ortho"))
 
 
 def profile_of(view: View, cluster: Cluster) -> tuple[LineProfile, float]:

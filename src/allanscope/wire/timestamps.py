@@ -144,8 +144,6 @@ def comb_of(times: Sequence[float] | NDArray[np.float64]) -> Comb | None:
     mean = mean_rate(stamps)
     if len(stamps) < _FEWEST_IN_COMB or not np.isfinite(stamps).all() or mean <= 0.0:
         return None
-    if rows_come_in_bursts(stamps):
-        return None
     width = 1.0 / float(np.ptp(stamps))
     hz = np.arange(_SLOWER * mean, _FASTER * mean, width / _OVERSAMPLED)
     if len(hz) > len(stamps) * _OVERSAMPLED:  # a gap far longer than all that came
@@ -156,7 +154,7 @@ def comb_of(times: Sequence[float] | NDArray[np.float64]) -> Comb | None:
     alternatives = max(len(hz) / _OVERSAMPLED, 1.0)
     if best in (0, len(hz) - 1) or len(stamps) * size[best] ** 2 < math.log(alternatives / _CHANCE):
         return None
-    if not _all_along(since, float(hz[best]), alternatives):
+    if rows_come_in_bursts(stamps) or not _all_along(since, float(hz[best]), alternatives):
         return None
     left, top, right = size[best - 1 : best + 2].tolist()
     shift = (left - right) / (2.0 * (left - 2.0 * top + right))

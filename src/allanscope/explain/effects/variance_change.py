@@ -8,12 +8,17 @@ interval on a ladder of lengths is tested against the rest,
 
 Tails heavier than a Gaussian's raise the scatter of the squares, and the gain is divided by that.
 The borders of the most telling interval are then placed to the row (`noise_level_border`).
+
+A filter that is switched changes the level in a part of the band only. Then that part is looked at
+alone. So that no tone which comes and goes is taken for one, the change must be there in half of
+the band at least, and last until an end of the record.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -26,8 +31,11 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.noise_level_border import instant_of, rows_of_border
 from allanscope.explain.view import View
+from allanscope.quantities import measured
 
 Array = NDArray[np.float64]
+_Found = tuple[float, int, int, float]
+"""Gain, first and last block of an interval, and its power over the rest's."""
 
 _BLOCK_S = 0.5
 """Length of a block, whose power is one number."""
@@ -39,6 +47,13 @@ _LEFT = 0.2
 """Least share of a quarter of the band that must not have been cut out of the fit."""
 _CAP = 20.0
 """Squares are cut here, so that one sample cannot make a stretch."""
+_CLEAR, _AS_MUCH = 6.0, 0.5
+"""Standard errors of the log of a ratio, and its share of the largest one, from which the power in
+a quarter of the band has changed with it."""
+_RUNS = 10
+"""Runs of neighbouring quarters."""
+_AT_THE_END = 2
+"""Blocks before an end of the record from which a stretch lasts until it."""
 _LONGEST = 0.5
 """Longest stretch as a share of the record: beyond, the rest is the one that changed."""
 _REACH = 22.0
@@ -48,13 +63,24 @@ as far as it is off in one of twenty."""
 
 @dataclass(frozen=True)
 class VarianceChange(EffectKind):
-    """Intervals of another white level."""
+    """Intervals of another white level.
+
+    Attributes
+    ----------
+    rms, unit : tuple of (float, float), str
+        Noise in the stretch and in the rest.
+    band : tuple of (float, float), optional
+        Frequencies in Hz between which it changed, where it is not the same at all of them.
+    """
 
     intervals: Estimate
     start: Estimate
     stop: Estimate
     ratio: Estimate
     blocks: int
+    rms: tuple[float, float]
+    unit: str
+    band: tuple[float, float] | None = None
 
     kind = "variance_change"
     meaning = "the white level is not one level"
@@ -76,10 +102,15 @@ class VarianceChange(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return (
-            f"between {self.start.value:.0f} s and {self.stop.value:.0f} s the white noise is "
-            f"{self.ratio.value:.3g} times that of the rest"
+        stretch, rest = (measured(rms, unit=self.unit) for rms in self.rms)
+        noise = "white noise"
+        if self.band is not None:
+            noise = f"noise between {self.band[0]:.3g} and {self.band[1]:.3g} Hz"
+        words = (
+            f"between {self.start.value:.0f} s and {self.stop.value:.0f} s the {noise} is "
+            f"{self.ratio.value:.3g} times that of the rest ({stretch} rms, {rest})"
         )
+        return words if self.band is None else f"{words}, as after a change of a filter"
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
@@ -88,39 +119,112 @@ class VarianceChange(EffectKind):
         blocks = len(view.innovations) // size
         if blocks < 16:
             return []
-        white = view.innovations[: blocks * size].reshape(blocks, size)
-        power = np.mean(np.minimum(white**2, _CAP), axis=1)
-        # Equal values by chance are no silence: what was rounded may have moved by a step.
-        rounding = view.step**2 / 12 / float(np.median(view.spectrum.ordinates))
-        power = np.maximum(power, min(rounding, 1.0) * np.median(power))
-        found = _intervals(power, _freedom(power, size))
-        if not found or not _at_all_frequencies(view, max(found), size):
+        rows = view.innovations
+        power, found = _powers(view, rows, size)
+        if not found:
             return []
+        band, alternatives = None, 0.0
+        if not _at_all_frequencies(view, max(found), size):
+            band, alternatives = _changed_band(view, max(found), size, blocks), np.log(_RUNS)
+            if band is None:
+                return []
+            rows = _in_band(view, band)
+            power, found = _powers(view, rows, size)
+            if not found or not _until_an_end(max(found), blocks):
+                return []
         best = max(found)
         for _, first, last, times in found:
             power[first:last] /= times  # loud blocks scatter more: at one level tails are seen
         freedom = _freedom(power, size)
         ratio, inside = float(np.sqrt(best[3])), best[2] - best[1]
-        gain, looked_at = float(sum(g for g, *_ in found)), log_alternatives(blocks)
+        gain = float(sum(g for g, *_ in found))
+        looked_at = log_alternatives(blocks) + alternatives
         count = float(len(found))
         weak = float(sum(g < 2 * (looked_at - np.log(ALPHA)) for g, *_ in found))
+        quarters = slice(None) if band is None else band
+        rest = float(np.sum(view.spectrum.ordinates[quarters])) / view.grid.n
+        rest /= 1 + inside / blocks * (best[3] - 1)
+        unit = view.grid.rate_hz / (2 * view.grid.n)
         effect = cls(
             intervals=Estimate(count, count - weak, count + weak),
-            start=_border(view, best, size, freedom, is_start=True),
-            stop=_border(view, best, size, freedom, is_start=False),
+            start=_border(view, rows, best, size, freedom, is_start=True),
+            stop=_border(view, rows, best, size, freedom, is_start=False),
             ratio=Estimate.of(ratio, ratio / np.sqrt(2 * freedom * inside)),
             blocks=blocks,
+            rms=(float(np.sqrt(best[3] * rest)), float(np.sqrt(rest))),
+            unit=view.unit,
+            band=None if band is None else (band.start * unit, band.stop * unit),
         )
         return [Candidate(effect, gain, looked_at)]
 
 
-def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: int) -> bool:
+def _powers(view: View, rows: Array, size: int) -> tuple[Array, list[_Found]]:
+    """Return the mean squares of blocks of whitened data, and the intervals that are found."""
+    blocks = len(rows) // size
+    white = rows[: blocks * size].reshape(blocks, size)
+    power = np.mean(np.minimum(white**2, _CAP), axis=1)
+    # Equal values by chance are no silence: what was rounded may have moved by a step.
+    rounding = view.step**2 / 12 / float(np.median(view.spectrum.ordinates))
+    power = np.maximum(power, min(rounding, 1.0) * np.median(power))
+    return power, _intervals(power, _freedom(power, size))
+
+
+def _until_an_end(found: _Found, blocks: int) -> bool:
+    """Return whether a stretch begins or ends with the record."""
+    _, first, last, _ = found
+    return first <= _AT_THE_END or last >= blocks - _AT_THE_END
+
+
+def _in_band(view: View, band: slice) -> Array:
+    """Return the whitened data between two frequencies, of unit variance."""
+    only = np.zeros(view.grid.n)
+    white = view.ordinates / np.sqrt(view.spectrum.ordinates) * view.spectrum.kept
+    only[1:][band] = white[band]
+    share = float(np.mean(only != 0.0))
+    return np.asarray(idct(only, norm="ortho")) / np.sqrt(share)
+
+
+def _changed_band(view: View, found: _Found, size: int, blocks: int) -> slice | None:
+    """Return the ordinates of the quarters of the band that changed; None where they are too few.
+
+    They are neighbours and changed in one direction, by about as much.
+    """
+    if not _until_an_end(found, blocks):
+        return None
+    bounds, ratios, weights = _quarters(view, found, size)
+    if len(ratios) < _QUARTERS:
+        return None
+    largest = ratios[int(np.abs(ratios).argmax())]
+    changed = ratios * np.sign(largest) > _AS_MUCH * abs(largest)
+    at = np.flatnonzero(changed & (np.abs(ratios) * np.sqrt(weights) > _CLEAR))
+    if len(at) < _QUARTERS // 2 or np.any(np.diff(at) > 1):
+        return None
+    return slice(bounds[at[0]], bounds[at[-1] + 1])
+
+
+def _at_all_frequencies(view: View, found: _Found, size: int) -> bool:
     """Return whether the quarters of the band agree: a tone that comes and goes is no noise."""
+    _, ratios, weights = _quarters(view, found, size)
+    if not len(ratios):
+        return False  # too little is left to tell noise from a tone that comes and goes
+    common = np.average(ratios, weights=weights)
+    distance = float(np.sum(weights * (ratios - common) ** 2))
+    # Heavy contrast need not be white to a per cent: a tenth of it may differ.
+    room = float(np.sum(weights)) * (0.1 * common) ** 2
+    return bool(chdtrc(max(len(ratios) - 1, 1), max(distance - room, 0.0)) > 1e-3)
+
+
+def _quarters(view: View, found: _Found, size: int) -> tuple[list[int], Array, Array]:
+    """Return the edges of the quarters, the logs of the ratios of their powers, and the weights.
+
+    Without those of which too little was kept.
+    """
     _, first, last, _ = found
     kept = view.spectrum.kept
     white = view.ordinates / np.sqrt(view.spectrum.ordinates) * kept
     ratios, weights = [], []
-    for part in np.array_split(np.arange(len(white)), _QUARTERS):
+    edges = [round(i * len(white) / _QUARTERS) for i in range(_QUARTERS + 1)]
+    for part in (np.arange(a, b) for a, b in pairwise(edges)):
         if kept[part].mean() < _LEFT or not white[part].any():
             continue
         only = np.zeros(len(white) + 1)
@@ -132,13 +236,7 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
         )
         ratios.append(np.log(inside / outside))
         weights.append((last - first) * size * kept[part].sum() / len(white) / 2)
-    if not ratios:
-        return False  # too little is left to tell noise from a tone that comes and goes
-    common = np.average(ratios, weights=weights)
-    distance = float(np.sum(np.array(weights) * (np.array(ratios) - common) ** 2))
-    # Heavy contrast need not be white to a per cent: a tenth of it may differ.
-    room = float(np.sum(weights)) * (0.1 * common) ** 2
-    return bool(chdtrc(max(len(ratios) - 1, 1), max(distance - room, 0.0)) > 1e-3)
+    return edges, np.array(ratios), np.array(weights)
 
 
 def log_alternatives(blocks: int) -> float:
@@ -147,7 +245,7 @@ def log_alternatives(blocks: int) -> float:
 
 
 def _border(
-    view: View, found: tuple[float, int, int, float], size: int, freedom: float, *, is_start: bool
+    view: View, rows: Array, found: _Found, size: int, freedom: float, *, is_start: bool
 ) -> Estimate:
     """Return when an interval begins or ends, from the rows around: blocks tell it to a block."""
     _, first, last, ratio = found
@@ -158,12 +256,12 @@ def _border(
     if is_start:
         low, high = max(0, first - reach), first + min(reach, within)
     else:
-        low, high = last - min(reach, within), min(len(view.innovations), last + reach)
-    squares = np.minimum(view.innovations**2, _CAP)
+        low, high = last - min(reach, within), min(len(rows), last + reach)
+    squares = np.minimum(rows**2, _CAP)
     inside = float(squares[first:last].mean())
     levels = (inside / ratio, inside) if is_start else (inside, inside / ratio)
-    rows = rows_of_border(squares[low:high], *levels, weight=freedom / size)
-    return instant_of(rows, view.grid.rate_hz, low / view.grid.rate_hz)
+    border = rows_of_border(squares[low:high], *levels, weight=freedom / size)
+    return instant_of(border, view.grid.rate_hz, low / view.grid.rate_hz)
 
 
 def _freedom(power: Array, size: int) -> float:
@@ -172,12 +270,12 @@ def _freedom(power: Array, size: int) -> float:
     return float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
 
 
-def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, float]]:
+def _intervals(power: Array, freedom: float) -> list[_Found]:
     """Find (gain, first, last, ratio) of intervals, strongest first."""
     power = power.copy()
     n = len(power)
     price = log_alternatives(n) - float(np.log(ALPHA))
-    found: list[tuple[float, int, int, float]] = []
+    found: list[_Found] = []
     for _ in range(_MOST):
         gain, first, last = best_interval(power, freedom)
         if gain < price:

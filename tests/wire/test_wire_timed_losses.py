@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from allanscope.clock import Clock
 from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire import LinkStats, WireSettings, format_named
 from allanscope.wire.continuity import PeriodTracker, losses_of
@@ -316,3 +317,61 @@ def test_the_comb_of_rough_stamps_is_looked_for_once(monkeypatch: pytest.MonkeyP
     assert tracker is not None
     assert tracker.lookahead > 4, "the scatter of the comb decides"
     assert looked == [len(times)]
+
+
+def _loop(name: str, n: int = 6000) -> NDArray[np.float64]:
+    """Return the steps in s of a loop that polls a sensor, prints, and begins anew."""
+    rng = np.random.default_rng(7)
+    polls = np.cumsum(rng.normal(0.016, 0.002, n))
+    steps = {
+        "a USB that is polled": np.diff(polls[np.searchsorted(polls, np.arange(n) / 104.0)]),
+        "alternating": np.where(np.arange(n) % 2, 0.012, 0.020) + rng.normal(0.0, 1e-3, n),
+        "anything between": rng.uniform(0.012, 0.020, n),
+        "now and then longer": np.where(rng.random(n) < 0.1, 0.020, 0.012),
+        "every fourth longer": np.where(np.arange(n) % 4, 0.012, 0.020),
+        "every tenth much longer": np.where(np.arange(n) % 10, 0.010, 0.035),
+        "prints": 0.0105 + rng.lognormal(np.log(0.002), 0.8, n),
+        "slower and slower": np.linspace(0.012, 0.020, n) + rng.normal(0.0, 5e-4, n),
+    }
+    return steps[name]
+
+
+def _read(times: NDArray[np.float64], header: str = "time [s]") -> tuple[list[Event], StreamInfo]:
+    rows = "".join(f"{time:.6f},{i % 7 - 3}.5\n" for i, time in enumerate(times.tolist()))
+    decoder = format_named("text").decoder(WireSettings())
+    events = decoder.feed(f"{header},gx [dps]\n{rows}".encode(), np.nan) + decoder.finish()
+    return events, next(event for event in events if isinstance(event, StreamInfo))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("alternating", "anything between", "now and then longer", "every fourth longer"),
+        *("every tenth much longer", "prints", "slower and slower", "a USB that is polled"),
+    ],
+)
+def test_a_polling_loop_loses_nothing_however_long_it_takes(name: str) -> None:
+    times = np.cumsum(_loop(name))
+    events, info = _read(times)
+    assert [event for event in events if isinstance(event, Gap)] == []
+    assert sum(len(event) for event in events if isinstance(event, Block)) == len(times)
+    clock = Clock.of(info)
+    for event in events:
+        if isinstance(event, Block):
+            clock.update(event.index, event.ticks)
+    # Where the period itself wanders the line through early rows is not that from end to end.
+    within = 0.02 if name == "slower and slower" else 0.01
+    assert clock.rate().hz == pytest.approx((len(times) - 1) / np.ptp(times), rel=within)
+
+
+def test_stamps_that_come_late_in_a_rush_are_no_losses() -> None:
+    rng = np.random.default_rng(5)
+    events, info = _read(np.sort(0.01 * np.arange(6000) + rng.exponential(0.007, 6000)))
+    assert [event for event in events if isinstance(event, Gap)] == []
+    assert info.nominal_hz == pytest.approx(100.0, rel=0.01)
+
+
+def test_the_clocks_of_an_arduino_are_times() -> None:
+    for header, unit in (("millis", 1e3), ("micros", 1e6)):
+        _, info = _read(0.01 * unit * np.arange(200), header)
+        assert info.nominal_hz == pytest.approx(100.0)

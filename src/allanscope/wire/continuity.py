@@ -221,8 +221,7 @@ class PeriodTracker:
     rms : float
         Standard deviation of the stamps, in periods.
     rows : int
-        How many the comb was taken from that the period is of. Its relative error of sqrt(12)
-        s / rows^1.5 is kept until two stamps that scatter by s are far enough from each other.
+        How many the period was taken from.
 
     Attributes
     ----------
@@ -244,7 +243,7 @@ class PeriodTracker:
         self._reach = min(1.0 / (8.0 * max(scatter, _LEAST_SCATTER)), 1.0)
         self._plausible = period_s / 2, period_s * 2
         self._period = period_s
-        self._trusted = max(_FIRST_TRUST, round(rows**1.5 / math.sqrt(6.0)))
+        self._trusted = max(_FIRST_TRUST, rows // 2)
         self._expected: float | None = None
         self._last = -math.inf
         self._samples = 0

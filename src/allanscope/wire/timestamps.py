@@ -50,6 +50,9 @@ _FEWEST_IN_COMB, _CHANCE, _PARTS = 25, 1e-3, 64
 _MEDIAN_OFF, _RUSHED = 0.6745, 1.4
 """Median over standard deviation of the distances of a Gaussian's draws from their median, and the
 scatter of the steps of a comb over that of its stamps from which these are no Gaussian's."""
+_ROUNDED, _LONGEST_CYCLE, _ALIKE = 1.5, 16, 0.5
+"""Scatter of stamps over that of their rounding from which it is not all there is, the longest
+cycle of a loop in rows, and the correlation of steps a cycle apart."""
 _REGULAR = 0.5
 """Relative scatter of the time from burst to burst; that between random losses is 1."""
 
@@ -160,24 +163,44 @@ def comb_of(times: Sequence[float] | NDArray[np.float64]) -> Comb | None:
     shift = (left - right) / (2.0 * (left - 2.0 * top + right))
     period_s = 1.0 / (hz[best] + shift * width / _OVERSAMPLED)
     scatter = math.sqrt(-math.log(min(top, 1.0)) / 2.0) / math.pi
-    if not _steps_scatter_as(np.diff(stamps), scatter * period_s):
+    rounding_s = resolution_of(stamps.tolist()) / math.sqrt(12.0)
+    if not _steps_scatter_as(np.diff(stamps), scatter * period_s, rounding_s):
         return None
     return Comb(float(f"{period_s:.10g}"), scatter)
 
 
-def _steps_scatter_as(steps: NDArray[np.float64], rms_s: float) -> bool:
+def _steps_scatter_as(steps: NDArray[np.float64], rms_s: float, rounding_s: float) -> bool:
     """Return whether steps scatter as those between stamps do that are off by so much.
 
     A loop that takes 12, 12, 12 and 20 ms keeps to a comb of 11.2 ms, from which no row is off by
-    chance: its steps are of two lengths, and one is no multiple of the other. Stamps that come late
-    in a rush, now and then, are farther off than their comb tells, and would pass for losses.
+    chance: its steps are of two lengths, and one is no multiple of the other, and they come again.
+    So does the rounding of stamps, which is known. Stamps that come late in a rush, now and then,
+    are farther off than their comb tells, and would pass for losses.
     """
     median = float(np.median(steps))
     usual = steps[(steps > 0.4 * median) & (steps < 1.5 * median)]
     if usual.std() < rms_s / 2.0 and not _far_are_multiples(steps / median):
         return False
+    if rms_s > _ROUNDED * rounding_s and _come_again(np.minimum(steps, 2.0 * median)):
+        return False
     spread = float(np.median(np.abs(steps - median))) / _MEDIAN_OFF
     return spread <= _RUSHED * math.sqrt(2.0) * rms_s
+
+
+def _come_again(steps: NDArray[np.float64]) -> bool:
+    """Return whether steps are those of some steps before.
+
+    >>> _come_again(np.tile([0.012, 0.012, 0.020], 100))
+    True
+    >>> _come_again(np.diff(0.01 * np.arange(300) + np.random.default_rng(1).normal(0, 2e-3, 300)))
+    False
+    """
+    if len(steps) < 4 * _LONGEST_CYCLE:
+        return False
+    off = steps - steps.mean()
+    power = float(off @ off) / len(off)
+    products = [float(np.mean(off[lag:] * off[:-lag])) for lag in range(2, _LONGEST_CYCLE + 1)]
+    return max(products) > _ALIKE * power > 0.0
 
 
 def _all_along(since: NDArray[np.float64], hz: float, alternatives: float) -> bool:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -63,9 +64,9 @@ a fiftieth of its frequency."""
 _VALLEY, _DEEP = 24, 5.0
 """Ordinates over which the density is averaged where lines touch, and the factor by which it falls
 between two of them."""
-_MOST_PARTS, _WAVES, _TOGETHER = 64, 16, 0.5
-"""Parts of the record in which two lines must be at one time, ordinates of their range for each,
-and the mean product of their powers over that of independent ones."""
+_TIMES, _FADED = 16, 0.1
+"""Parts of the record in nine of ten of which a line that touches another must be, and the share of
+its mean power from which it is."""
 _MARGIN = 2
 """Ordinates on each side of a cluster that belong to it; clusters that would share one are one."""
 _BESIDE, _CLEARLY, _ABOVE = 3, 4.0, 10.0
@@ -218,24 +219,16 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
         cluster.first + left + int(mean[left:right].argmin())
         for left, right in zip((peaks[:-1] - 1).tolist(), peaks[1:].tolist(), strict=True)
     ]
-    parts: list[Cluster] = []
-    for first, stop in zip([cluster.first, *cuts], [*cuts, cluster.stop], strict=True):
-        part = Cluster(first, stop)
-        if parts and not _at_one_time(view, parts[-1], part):
-            part = Cluster(parts.pop().first, stop)
-        parts.append(part)
-    return parts
+    edges = [cluster.first, *cuts, cluster.stop]
+    parts = [Cluster(first, stop) for first, stop in pairwise(edges)]
+    return parts if all(_is_all_along(view, part) for part in parts) else [cluster]
 
 
-def _at_one_time(view: View, one: Cluster, other: Cluster) -> bool:
-    """Return whether the powers of two clusters are there in the same parts of the record."""
-    count = min(_MOST_PARTS, (other.stop - one.first) // _WAVES)
-    powers = [
-        [float(np.sum(part**2)) for part in np.array_split(_inside(view, cluster), count)]
-        for cluster in (one, other)
-    ]
-    here, there = np.array(powers)
-    return float(np.mean(here * there)) > _TOGETHER * float(here.mean() * there.mean())
+def _is_all_along(view: View, cluster: Cluster) -> bool:
+    """Return whether there is power in a cluster in all parts of the record."""
+    parts = np.array_split(_inside(view, cluster), _TIMES)
+    power = [float(np.sum(part**2)) for part in parts]
+    return float(np.quantile(power, 1 / _PARTS)) > _FADED * float(np.mean(power))
 
 
 def _inside(view: View, cluster: Cluster) -> Array:

@@ -52,8 +52,9 @@ _CLEAR, _AS_MUCH = 6.0, 0.5
 a quarter of the band has changed with it."""
 _RUNS = 10
 """Runs of neighbouring quarters."""
-_AT_THE_END = 2
-"""Blocks before an end of the record from which a stretch lasts until it."""
+_AT_THE_END, _LASTING = 2, 1 / 16
+"""Blocks before an end of the record from which a stretch lasts until it, and the share of the
+record from which it is more than what filters do at the ends."""
 _LONGEST = 0.5
 """Longest stretch as a share of the record: beyond, the rest is the one that changed."""
 _REACH = 22.0
@@ -170,9 +171,10 @@ def _powers(view: View, rows: Array, size: int) -> tuple[Array, list[_Found]]:
 
 
 def _until_an_end(found: _Found, blocks: int) -> bool:
-    """Return whether a stretch begins or ends with the record."""
+    """Return whether a stretch that lasts begins or ends with the record."""
     _, first, last, _ = found
-    return first <= _AT_THE_END or last >= blocks - _AT_THE_END
+    at_an_end = first <= _AT_THE_END or last >= blocks - _AT_THE_END
+    return at_an_end and last - first >= _LASTING * blocks
 
 
 def _in_band(view: View, band: slice) -> Array:

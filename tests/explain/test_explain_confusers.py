@@ -269,3 +269,28 @@ def test_the_floor_beside_a_loud_tone_that_moves_is_seldom_taken_for_a_stop_band
     noise = rng.normal(0, 5e-3 * ROWS_PER_S**0.5, (rows, 3))
     found = kinds(explain(thinned(noise + 3 * (np.sin(phase) + 0.4 * np.sin(2 * phase)).T)))
     assert sum("band_limit" in names for names in found.values()) <= 1
+
+
+def test_a_filter_that_is_switched_on_is_a_change_of_the_noise_above_its_cutoff(bench):
+    """It changes nothing below, so that no one level tells it; heavy tails were all that was."""
+    b = bench(11)
+    behind = lfilter(*butter(2, 6.0, fs=RATE), b.noise())
+    values = np.where(b.t < 500.0, b.noise(), behind)
+    effects = explain(b.record(values, lsb=LSB / 32)).axes["gx"].effects
+    (change,) = (e for e in effects if e.kind == "variance_change")
+    assert change.parameters["start"].value == pytest.approx(0.0, abs=1.0)
+    assert change.parameters["stop"].value == pytest.approx(500.0, abs=0.5)
+    low, high = change.evidence["band"]
+    assert 6.0 < low < 0.51 * RATE / 2
+    assert high == pytest.approx(RATE / 2, rel=1e-3)
+    louder, quieter = change.evidence["rms"]
+    assert louder == pytest.approx(SIGMA * np.sqrt(1 - low / (RATE / 2)), rel=0.1)
+    assert quieter < 0.2 * louder
+    assert not any("heavier tails" in e.evidence["words"] for e in effects)
+
+
+def test_a_machine_that_is_switched_on_is_no_change_of_a_filter(bench):
+    b = bench(12)
+    hum = sum(0.02 * np.sin(2 * np.pi * f * b.t + f) for f in (7.3, 14.6, 21.9))
+    effects = explain(b.record(b.noise() + hum * (b.t > 700.0))).axes["gx"].effects
+    assert "variance_change" not in {e.kind for e in effects}

@@ -49,6 +49,9 @@ _LONG = 1 << 14
 """Rows below which any transform is quick."""
 LOUD = 25.0
 """Power of an ordinate over the noise around it that noise hardly has: it holds a line."""
+_WIDTH, _STANDS_OUT, _SKIRT = 32, 2.5, 0.05
+"""Ordinates over which the power of a line is averaged, that mean over the noise around it, six of
+its standard errors, and the share of a line's frequency to which what is left of it reaches."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
 _THERMAL_DECADE = 10.0
@@ -221,6 +224,31 @@ class Series:
             level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
             found[:, low:high] = power[:, low:high] > LOUD * level
         return found
+
+    @once
+    def lines(self) -> NDArray[np.bool_]:
+        """Ordinates in and beside a line of their axis that may be as wide as some tens of them."""
+        power = self.ordinates**2
+        for low, high in pairwise([*self.grid.edges, power.shape[1]]):
+            level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
+            power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
+        return np.array([_beside(uniform_filter1d(one, _WIDTH) > _STANDS_OUT) for one in power])
+
+
+def _beside(loud: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which ordinates are as near to a loud one as what is left of a line reaches.
+
+    >>> loud = np.arange(1000) == 499
+    >>> np.flatnonzero(_beside(loud))[[0, -1]].tolist()
+    [474, 524]
+    """
+    number = 1 + np.flatnonzero(loud)
+    first = np.maximum((number * (1 - _SKIRT)).astype(int) - 1, 0)
+    stop = np.minimum((number * (1 + _SKIRT)).astype(int), len(loud))
+    covered = np.zeros(len(loud) + 1, np.int64)
+    np.add.at(covered, first, 1)
+    np.add.at(covered, stop, -1)
+    return np.asarray(np.cumsum(covered[:-1]) > 0)
 
 
 def multiple_of(series: Series, axis: str, other: str) -> float | None:

@@ -237,6 +237,10 @@ class View:
         """Tell which ordinates of another axis hold a line."""
         return np.asarray(self.series.loud[self.series.column(axis)])
 
+    def source_has_line(self, axis: str) -> NDArray[np.bool_]:
+        """Tell which ordinates of another axis are in a line or beside one."""
+        return np.asarray(self.series.lines[self.series.column(axis)])
+
     def with_parts(self, *parts: Part) -> View:
         """Return the view with more stationary parts, to be fitted anew."""
         return replace(self, parts=(*self.parts, *parts))

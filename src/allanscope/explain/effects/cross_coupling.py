@@ -4,10 +4,12 @@ y = c x + rest holds at every frequency and without lag, which a common vibratio
 or a common temperature (only slow) does not: the slopes found in separate frequency bands must
 agree. Two axes that sense one source through a structure, as those on a board with a fan, agree in
 nothing but that it is there: the structure turns the phase, so their cross-spectrum has a
-quadrature part, and a leak has none. A tilt is slow, so slow bands are looked at too; there what
-the measured temperature explains is taken out of both axes first, and what is known by its slow
-part alone has the temperature as an equivalent. Which axis is the source cannot be seen in white
-noise of equal colour; the direction is taken in which source and rest together are more probable,
+quadrature part, and a leak has none. What is beside a line of either axis is left out: the skirts
+of a motor's lines are alike on all axes that it shakes. A tilt is slow, so slow bands are looked at
+too; there what the measured temperature explains is taken out of both axes first, and what is known
+by its slow part alone has the temperature as an equivalent. Which axis is the source cannot be seen
+in white noise of equal colour; the direction is taken in which source and rest together are more
+probable,
 
 .. math:: L(x) + L(y - c x) \quad \text{against} \quad L(y) + L(x - c' y).
 
@@ -45,8 +47,6 @@ _FIRST = 8
 """First ordinate: within four waves a record, any two drifts are alike."""
 _BANDS = 10
 """Bands, equally wide in log f, in each of which the ratio of two axes must be the same."""
-_BLOCK, _LEVELS = 32, 8
-"""Ordinates in a block, and levels of the source by which blocks are sorted; each tells as much."""
 _IN_QUADRATURE, _TURNED_P = 0.1, 1e-4
 """Part of the gain that the quadrature may have, as filters that differ turn the phase a little,
 and the chance of what is more than none."""
@@ -128,6 +128,7 @@ def _candidate(view: View, source: str) -> Candidate | None:
         return None
     d, e = _without_temperature(view, view.ordinates), _without_temperature(view, ordinates)
     loud = view.source_is_loud(source) | (view.squares > LOUD * view.spectrum.ordinates)
+    loud |= view.source_has_line(view.axis) | view.source_has_line(source)
     weight = (view.spectrum.kept & ~loud) / view.spectrum.ordinates
     weight[:_FIRST] = 0.0
     normal = float(np.sum(e * e * weight))
@@ -203,34 +204,16 @@ def _is_seen_fast(view: View, d: Array, e: Array, weight: Array, price: float) -
 
 
 def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
-    """Return whether the slopes in separate bands agree with the common one (1 in 1000).
-
-    And so whether the source is loud there or not: beside the lines of a motor two axes agree in
-    what is left of them, and nowhere else.
-    """
+    """Return whether the slopes in separate bands agree with the common one (1 in 1000)."""
     bounds = np.unique(np.geomspace(_FIRST, len(d), _BANDS + 1).astype(int))
-    normal, score = e * e * weight, e * d * weight
-    in_bands = [(normal[a:b].sum(), score[a:b].sum()) for a, b in pairwise(bounds)]
-    starts = np.arange(_FIRST, len(d), _BLOCK)
-    normals, scores = np.add.reduceat(normal, starts), np.add.reduceat(score, starts)
-    by_size = normals.argsort()
-    reached = np.cumsum(normals[by_size])
-    level = np.minimum(reached * _LEVELS / reached[-1], _LEVELS - 1).astype(int)
-    at_levels = list(
-        zip(
-            np.bincount(level, normals[by_size], _LEVELS),
-            np.bincount(level, scores[by_size], _LEVELS),
-            strict=True,
-        )
-    )
-    return _agree(in_bands, slope) and _agree(at_levels, slope)
-
-
-def _agree(parts: list[tuple[float, float]], slope: float) -> bool:
-    """Return whether the slopes of parts, given by normal and score, agree (1 in 1000)."""
-    own = [(normal, score / normal) for normal, score in parts if normal > 0]
-    distance = sum((one - slope) ** 2 * normal for normal, one in own)
-    return len(own) < 2 or bool(chdtrc(len(own) - 1, distance) > 1e-3)
+    distance, freedom = 0.0, -1
+    for low, high in pairwise(bounds):
+        normal = float(np.sum(e[low:high] ** 2 * weight[low:high]))
+        if normal > 0:
+            own = float(np.sum(e[low:high] * d[low:high] * weight[low:high])) / normal
+            distance += (own - slope) ** 2 * normal
+            freedom += 1
+    return freedom < 1 or bool(chdtrc(freedom, distance) > 1e-3)
 
 
 def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:

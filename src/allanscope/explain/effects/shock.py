@@ -33,6 +33,9 @@ from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
 
+_SWITCHED, _HALF = 5.0, 0.5
+"""Standard errors of the power on one side over that on the other from which something lasts, and
+the share of the power that must be over when what shook the board is."""
 _OFF_ROWS = 12
 """Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
 _MARGIN_S = 0.3
@@ -98,12 +101,13 @@ class Shock(EffectKind):
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Take the shocks that the record holds on whichever axis, where this axis is moved."""
         known = [_extent(c.effect, view) for c in view.accepted if isinstance(c.effect, Shock)]
-        return [
+        found = [
             _candidate(view, shaken)
             for shaken in view.series.shocks
             if view.axis in shaken.axes
             and not any(first < shaken.stop and shaken.first < stop for first, stop in known)
         ]
+        return [one for one in found if one is not None]
 
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
         """Refuse changes of the level within it: what is left of a shock is one step at most."""
@@ -132,9 +136,11 @@ def _extent(effect: Shock, view: View) -> tuple[int, int]:
     return round(first), round(first + effect.duration.value * rate)
 
 
-def _candidate(view: View, shaken: ShockRows) -> Candidate:
+def _candidate(view: View, shaken: ShockRows) -> Candidate | None:
     rate, n = view.grid.rate_hz, len(view.data)
     sigma = shaken.sigma[view.axis]
+    if _goes_on(view.data, shaken.first, shaken.stop, sigma):
+        return None
     margin = int(np.ceil(_MARGIN_S * rate))
     first, stop = max(0, shaken.first - margin), min(n, shaken.stop + margin)
     rest, level = _quiet(view.data, first, stop, sigma)
@@ -155,6 +161,21 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate:
     end = ("first" if shaken.first == 0 else "last") if shaken.is_off else None
     effect = Shock(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak, end)
     return Candidate(effect, gain, shaken.log_alternatives, signal=signal)
+
+
+def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:
+    """Return whether what begins or ends with some rows is as loud on one side of them.
+
+    A pump that is switched on begins with a bang for all that its spectrum has whitened.
+    """
+    size = stop - first
+    sides = data[max(0, first - size) : first], data[stop : stop + size]
+    if min(map(len, sides)) < size:
+        return False
+    inside = float(np.sum((data[first:stop] - np.median(data[first:stop])) ** 2))
+    one, other = sorted(float(np.sum((side - np.median(side)) ** 2)) for side in sides)
+    lasts = other - one > _SWITCHED * 2.0 * sigma**2 * np.sqrt(size)
+    return bool(lasts and inside - other < _HALF * (inside - one))
 
 
 def _peak(size: Array, sigma: float, unit: str) -> Estimate:

@@ -1,4 +1,4 @@
-"""Two motors that run at nearly the same speed are two lines, and couple no axes."""
+"""Motors and pumps: two at nearly one speed are two lines, couple no axes and are no shocks."""
 
 from __future__ import annotations
 
@@ -67,3 +67,15 @@ def test_the_lines_of_two_motors_couple_no_axes():
     for axis in ("gx", "gy", "gz"):
         n_after = result.models_after[axis].value("N")
         assert n_after == pytest.approx(SIGMA / np.sqrt(RATE), rel=0.02)
+
+
+def test_a_pump_that_is_switched_on_and_off_is_no_shock():
+    """Its first waves ring in what its spectrum whitened: shocks of ten times its amplitude."""
+    rng = np.random.default_rng(45)
+    n = int(600 * RATE)
+    pump = 0.2 * motor(rng, n, 24.7, sigma_hz=0.02) * (np.arange(n) / RATE % 60 < 25)
+    (axis,) = explain(record(pump + rng.normal(0, SIGMA, n))).axes.values()
+    (line,) = axis.effects
+    assert line.kind == "drifting_line"
+    assert line.parameters["frequency"].value == pytest.approx(24.7, abs=0.05)
+    assert line.evidence["share_of_time"] == pytest.approx(25 / 60, abs=0.05)

@@ -189,6 +189,14 @@ def test_a_long_gap_among_uneven_bursts_stays_one(rate):
     assert result.lost_samples == pytest.approx(500, abs=40)
 
 
+def test_a_rate_that_is_given_stands_where_the_times_would_lose_most_samples():
+    """Four rows 1 ms apart and then 20 ms without any, again and again."""
+    times = 0.024 * (np.arange(3000) // 4) + 0.00104 * (np.arange(3000) % 4)
+    result = analyse({"t[s]": times, "gx": small()}, 929.0)
+    assert (result.lost_samples, result.segments) == (0, 1)
+    assert result.rate.nominal_hz == 929.0
+
+
 def test_rows_that_a_busy_host_hands_over_late_are_not_lost():
     times = uneven_bursts(3000)
     waited = (times > 15.0) & (times < 18.0)

@@ -266,7 +266,8 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
         words += ", which is used as the rate; single lost samples do not show"
         return _Timing(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
     period = period_of(cast("Any", first))
-    shown = 1.0 / period if period else mean
+    mostly_lost = sum(gaps.values()) > len(times)
+    shown = 1.0 / period if period and not mostly_lost else mean
     if given and shown and abs(shown / given - 1.0) > OSCILLATOR_TOLERANCE:
         words = (
             f"the times show {shown:.4g} rows per second, not the given {given:g} Hz; "

@@ -216,7 +216,8 @@ def _all_along(since: NDArray[np.float64], hz: float, alternatives: float) -> bo
     turns = np.exp(2j * np.pi * hz * since)
     parts = np.array([part.mean() for part in np.array_split(turns, min(len(turns), _PARTS))])
     power = float(np.mean(np.abs(parts) ** 2))
-    return len(parts) * abs(parts.mean()) ** 2 >= power * math.log(alternatives / _CHANCE)
+    together = float(abs(parts.mean())) ** 2
+    return len(parts) * together >= power * math.log(alternatives / _CHANCE)
 
 
 def _far_are_multiples(steps: NDArray[np.float64]) -> bool:

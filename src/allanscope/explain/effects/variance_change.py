@@ -183,7 +183,7 @@ def _in_band(view: View, band: slice) -> Array:
     white = view.ordinates / np.sqrt(view.spectrum.ordinates) * view.spectrum.kept
     only[1:][band] = white[band]
     share = float(np.mean(only != 0.0))
-    return np.asarray(idct(only, norm="ortho")) / np.sqrt(share)
+    return np.asarray(idct(only, norm="ortho") / np.sqrt(share))
 
 
 def _changed_band(view: View, found: _Found, size: int, blocks: int) -> slice | None:

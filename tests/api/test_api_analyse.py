@@ -190,8 +190,10 @@ def test_a_long_gap_among_uneven_bursts_stays_one(rate):
 
 
 def test_a_rate_that_is_given_stands_where_the_times_would_lose_most_samples():
-    """Four rows 1 ms apart and then 20 ms without any, again and again."""
-    times = 0.024 * (np.arange(3000) // 4) + 0.00104 * (np.arange(3000) % 4)
+    """Four rows 1 ms apart and then none for a while, again and again."""
+    steps = np.ones(3000)
+    steps[::4] += np.random.default_rng(6).geometric(1 / 22, 750)
+    times = 0.00104 * np.cumsum(steps)
     result = analyse({"t[s]": times, "gx": small()}, 929.0)
     assert (result.lost_samples, result.segments) == (0, 1)
     assert result.rate.nominal_hz == 929.0

@@ -32,7 +32,8 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import Estimator, Sums, estimator_named
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
-from allanscope.allan.estimators.theo1 import thinned_theo1_variance
+from allanscope.allan.estimators.theo1 import theo1_profile, thinned_variance_of, variance_of
+from allanscope.allan.estimators.theobr import theobr_ratio
 from allanscope.allan.kernels import COLUMNS
 from allanscope.allan.long_taus import KINDS, with_rows
 from allanscope.allan.noise_type import (
@@ -55,6 +56,8 @@ _WINDOWS_PER_TAU = 16
 _FEWEST_ROWS = 32
 _FEWEST_PHASES = 10
 """Shortest window of the Theo family that SP 1065 recommends."""
+_THEO = ("theo1", "theobr")
+"""Estimators that weight the same sums."""
 _SHORTEST = math.sqrt(0.5)
 """An averaging time below this part of the shortest one of the bank is none of its own."""
 
@@ -75,6 +78,7 @@ class Curves:
         self._archive = archive
         self._known: dict[str, Sums] = {}
         self._noise: NoiseTypes | None = None
+        self._profiles: dict[tuple[int, int, int], Floats] = {}
 
     def sums(self, kind: str) -> Sums:
         """Return the variances of an estimator, of shape (axes, k), in (unit of the samples)^2.
@@ -176,14 +180,39 @@ class Curves:
         pooled = np.zeros((4, factors.size))
         averaged = estimator.name == "mtotdev"
         phases = archive.averaged(axis) if averaged else archive.picked(axis)
-        for phase in phases:
+        for segment, phase in enumerate(phases):
             fit = np.flatnonzero(factors < phase.size)
-            found = _windows(estimator, phase, factors[fit], step[fit], archive.stride)
+            if estimator.name in _THEO and archive.stride > 1:
+                found = self._theo(estimator.name, axis, segment, phase, factors[fit])
+            else:
+                found = _windows(estimator, phase, factors[fit], step[fit], archive.stride)
             for t, (variance, windows) in zip(fit, found, strict=True):
                 if windows:
                     covered = (phase.size - 1) * archive.stride
                     pooled[:, t] += variance * windows, windows, 1, covered
         return pooled
+
+    def _theo(
+        self, kind: str, axis: int, segment: int, phase: Floats, factors: Ints
+    ) -> list[tuple[float, int]]:
+        """Return variance and windows of THEO1 or TheoBR, which weight the same sums."""
+        stride = self._archive.stride
+        ratio = theobr_ratio(phase) if kind == "theobr" else 1.0
+        if not np.isfinite(ratio):
+            return [(np.nan, 0)] * len(factors)
+        found = []
+        for k in factors.tolist():
+            at = axis, segment, k
+            if at in self._profiles:  # the other has been asked for, each is once
+                profile = self._profiles.pop(at)
+            else:
+                profile = self._profiles[at] = theo1_profile(phase, k)
+            if kind == "theobr":
+                variance = ratio * variance_of(profile) / stride**2
+            else:
+                variance = thinned_variance_of(profile, stride)
+            found.append((variance, phase.size - k))
+        return found
 
 
 def factors_of_rows(estimator: Estimator, stride: int, used: int, per_octave: int) -> Ints:
@@ -203,8 +232,6 @@ def _windows(
     """Return variance for tau0 of one sample, and windows, at each factor of one segment."""
     pairs = list(zip(factors.tolist(), step.tolist(), strict=True))
     match estimator.name:
-        case "theo1" if stride > 1:
-            return [thinned_theo1_variance(phase, k, stride) for k, _ in pairs]
         case "mtotdev":
             found = [mtot_variance(phase, k, by) for k, by in pairs]
         case "htotdev":

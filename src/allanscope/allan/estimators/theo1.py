@@ -189,7 +189,12 @@ def thinned_theo1_variance(picked: NDArray[np.float64], k: int, s: int) -> tuple
     """
     if picked.size <= k:
         return np.nan, 0
-    profile, windows = _profile(picked, k)
+    return thinned_variance_of(theo1_profile(picked, k), s), picked.size - k
+
+
+def thinned_variance_of(profile: NDArray[np.float64], s: int) -> float:
+    """Return `thinned_theo1_variance` where the profile of the picked phases is known."""
+    k = 2 * profile.size
     weight = 1.0 / np.arange(1, k // 2 + 1)
     weight[-1] *= 0.5 * (1.0 + 1.0 / s)
     if profile[0] > 0:
@@ -197,7 +202,7 @@ def thinned_theo1_variance(picked: NDArray[np.float64], k: int, s: int) -> tuple
         growth = max(float(profile[1] / profile[0]), 1.0)
         power = min(float(np.log2(growth)), 2.0)
         weight[0] = _sum_of_powers(1.5 * s, power - 1.0) / s**power
-    return float(weight @ profile) / (0.75 * (k * s) ** 2), windows
+    return float(weight @ profile) / (0.75 * (k * s) ** 2)
 
 
 def _sum_of_powers(last: float, exponent: float) -> float:
@@ -210,8 +215,25 @@ def _sum_of_powers(last: float, exponent: float) -> float:
     return total
 
 
-def _profile(x: NDArray[np.float64], k: int) -> tuple[NDArray[np.float64], int]:
-    x = np.ascontiguousarray(x)
-    profile, windows = np.zeros(k // 2), x.size - k
-    _add_profile(x, x[::-1].copy(), x.size, k, profile)
-    return profile / windows, windows
+def theo1_profile(phase: NDArray[np.float64], m: int) -> NDArray[np.float64]:
+    """Return the mean square over all windows at each distance v, shape (m // 2,).
+
+    Weighted with 1/v and added up it is THEO1 (`variance_of`); m must be less than the phases.
+    """
+    x = np.ascontiguousarray(phase)
+    profile, windows = np.zeros(m // 2), x.size - m
+    _add_profile(x, x[::-1].copy(), x.size, m, profile)
+    return profile / windows
+
+
+def variance_of(profile: NDArray[np.float64]) -> float:
+    """Return the raw THEO1 variance at tau = 0.75 m, for tau0 = 1, of a profile.
+
+    Examples
+    --------
+    >>> x = np.random.default_rng(1).normal(size=200).cumsum()
+    >>> round(variance_of(theo1_profile(x, 20)) / theo1_variance(x, 20)[0], 12)
+    1.0
+    """
+    weight = 1.0 / np.arange(1, profile.size + 1)
+    return float(weight @ profile) / (0.75 * (2.0 * profile.size) ** 2)

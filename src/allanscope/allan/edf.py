@@ -195,12 +195,9 @@ def difference_edf(
         raise ValueError(f"a difference of order {order} does not converge for alpha {alpha.min()}")
     length = m * order + (m if modified else 1)
     terms = 1 + (n + 1 - length) // stride
-    edf = np.empty(m.shape)
-    for i in np.ndindex(m.shape):
-        exponent, factor, step = int(alpha[i]), float(m[i]), float(stride[i])
-        averaged = modified and not (sampled and factor == 1)
-        summed = partial(_summed, exponent, step, order, averaged, sampled and not averaged)
-        edf[i] = _by_neighbours(summed, factor, step, float(terms[i]))
+    ask = partial(_edf_at, order=order, modified=modified, sampled=sampled)
+    asked = zip(*(one.ravel().tolist() for one in (alpha, m, stride, terms)), strict=True)
+    edf = np.array([ask(*one) for one in asked], np.float64).reshape(m.shape)
     return edf
 
 
@@ -241,33 +238,63 @@ def difference_overlap(
     m, n, stride = np.broadcast_arrays(m, n, stride)
     length = m * order + (m if modified else 1)
     terms = np.maximum(1 + (n + 1 - length) // stride, 1)
-    found = np.empty(m.shape)
-    pair = max(alpha, beta), min(alpha, beta)
-    for i in np.ndindex(m.shape):
-        step = float(stride[i])
-        averaged = modified and int(m[i]) > 1
-
-        def summed(factor: float, count: float, step: float = step, mean: bool = averaged) -> float:
-            span = factor / step
-            first, second = ((law, _filter_width(law, int(factor), span, mean)) for law in pair)
-            return _overlap((first, second), span, order, not mean, count) * count
-
-        factor, count = float(m[i]), float(terms[i])
-        found[i] = _by_neighbours(summed, factor, step, count, straight=True) / count
-    return found
+    ask = partial(_overlap_at, max(alpha, beta), min(alpha, beta), order=order, modified=modified)
+    asked = zip(*(one.ravel().tolist() for one in (m, stride, terms)), strict=True)
+    return np.array([ask(*one) for one in asked], np.float64).reshape(m.shape)
 
 
 @lru_cache(maxsize=1 << 13)  # estimators of one family, and records of one length, ask the same
+def _edf_at(
+    alpha: int, m: float, stride: float, terms: float, *, order: int, modified: bool, sampled: bool
+) -> float:
+    """Return `difference_edf` of so many terms."""
+    averaged = modified and not (sampled and m == 1)
+    summed = partial(_summed, alpha, stride, order, averaged, sampled and not averaged)
+    return _by_neighbours(summed, float(m), float(stride), float(terms))
+
+
+@lru_cache(maxsize=1 << 13)
+def _overlap_at(
+    alpha: int, beta: int, m: float, stride: float, terms: float, *, order: int, modified: bool
+) -> float:
+    """Return `difference_overlap` of so many terms."""
+    averaged = modified and m > 1
+
+    def summed(factor: float, count: float) -> float:
+        span = factor / stride
+        first, second = (
+            (law, _filter_width(law, int(factor), span, averaged)) for law in (alpha, beta)
+        )
+        return _overlap((first, second), span, order, not averaged, count) * count
+
+    return _by_neighbours(summed, float(m), float(stride), float(terms), straight=True) / terms
+
+
 def _overlap(
     noises: tuple[Noise, Noise], span: float, order: int, sampled: bool, terms: float
 ) -> float:
     """Return c_ij of two noises, each a power law and the width of its filter; 1 / edf of one."""
-    edge, width, centre = _blocks(span, order + 1)
+    whole, total, moment = _whole_sums(noises, span, order, sampled)
+    if terms < whole:
+        edge, _, centre = _blocks(span, order + 1)
+        return _summed_up(edge, centre, _products(noises, span, order, sampled)).inverse(terms)
+    return float((1.0 + 2.0 * (total - moment / terms)) / terms)
+
+
+@lru_cache(maxsize=1 << 13)  # records of any length ask the same
+def _whole_sums(
+    noises: tuple[Noise, Noise], span: float, order: int, sampled: bool
+) -> tuple[float, float, float]:
+    """Return the terms from which on all lags count, and the sums over these as in `LagSums`."""
+    edge, _, centre = _blocks(span, order + 1)
+    square = _products(noises, span, order, sampled)
+    return float(edge[-1]), float(square.sum()), float(centre @ square)
+
+
+def _products(noises: tuple[Noise, Noise], span: float, order: int, sampled: bool) -> Floats:
+    """Return the products of two autocorrelations, summed over each block of lags."""
     first, second = (_correlation(law, span, wide, order, sampled) for law, wide in noises)
-    square = width * first * second
-    if terms < edge[-1]:
-        return _summed_up(edge, centre, square).inverse(terms)
-    return float((1.0 + 2.0 * (square.sum() - (centre @ square) / terms)) / terms)
+    return _blocks(span, order + 1)[1] * first * second
 
 
 def _summed(

@@ -16,6 +16,7 @@ from allanscope.explain.stationarity import demodulate
 from allanscope.history import History
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components.correlated import ExponentialCovariance
+from allanscope.noise.remainder import smooth_log_ratio
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral
 from allanscope.spectrum.ladder import SEGMENT, Ladder
@@ -125,6 +126,14 @@ def fits() -> None:
         maximise(np.repeat(columns, 2, axis=0), power, count, np.zeros(bins))
 
 
+def remainders() -> None:
+    for bins in (8, 9, 300):
+        smooth_log_ratio(
+            np.geomspace(1e-3, 50, bins), RNG.chisquare(9, bins) / 9, np.full(bins, 9.0)
+        )
+        smooth_log_ratio(np.geomspace(1, 1.1, bins), np.full(bins, 3.0), np.full(bins, 99.0))
+
+
 def covariances() -> None:
     covariance = ExponentialCovariance((1.0, 1 - 0.1j), (0.1, 1e-3 - 2j), 0.2, 0.1)
     for n in (0, 1, 7, 1000):
@@ -167,6 +176,7 @@ if __name__ == "__main__":
         frames,
         texts,
         fits,
+        remainders,
         covariances,
         series,
         watches,

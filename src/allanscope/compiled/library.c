@@ -6,6 +6,7 @@
 #include "covariance.c"
 #include "estimators.c"
 #include "history.c"
+#include "remainder.c"
 #include "series.c"
 #include "spectrum.c"
 #include "text.c"

@@ -8,11 +8,12 @@ increments between nodes, for edges, or with a curvature of some length, for bum
 
 .. math:: -\tfrac12 \sum_b \nu_b (s_b + r_b e^{-s_b}), \qquad r_b = p_b / \lambda_b ,
 
-whose maximum under the penalty is found by Newton's method. Sizes and lengths are weighted with
-their marginal likelihood in Laplace's approximation, as REML is for a spline: where the named
-parts leave nothing the best size is zero and there is no remainder. Where there is one, it is
-mostly in one place: priors whose size follows that of a first estimate, smoothed, are weighted
-beside the others, so that a bump in one octave does not cost the error of a bump in every octave.
+whose maximum under the penalty is found by Newton's method (`compiled/remainder.c`). Sizes and
+lengths are weighted with their marginal likelihood in Laplace's approximation, as REML is for a
+spline: where the named parts leave nothing the best size is zero and there is no remainder. Where
+there is one, it is mostly in one place: priors whose size follows that of a first estimate,
+smoothed, are weighted beside the others, so that a bump in one octave does not cost the error of a
+bump in every octave.
 Source: Littenberg and Cornish, BayesLine (arXiv 1410.3852), for the idea of a smooth part below the
 named lines; Wood, Generalized Additive Models (2017), section 6.6, for the marginal likelihood.
 
@@ -28,9 +29,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded, solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.noise.components import White
 from allanscope.noise.evidence import Evidence
 from allanscope.noise.filters import Remainder
@@ -39,6 +40,13 @@ from allanscope.noise.likelihood import Fit, Likelihood
 __all__ = ["Smooth", "smooth_log_ratio", "with_remainder"]
 
 Array = NDArray[np.float64]
+
+_IN, _OUT = Pointer(np.float64, 1), Pointer(np.float64, 1, written=True)
+_maximum = kernel(
+    *("smooth_maximum", Pointer(np.int64, 1), _IN, _IN, _IN, Pointer(np.float64, 2)),
+    *(int, int, int, _OUT, _OUT),
+    returns=float,
+)
 
 _PER_OCTAVE = 12
 """Nodes: narrower features are lines, and have a component of their own."""
@@ -59,8 +67,6 @@ _SHORT = 0.2
 """Part of the Nyquist frequency below which N is read."""
 _ROUNDS = 3
 """Times that the correction and the rest of the model are found from each other."""
-_STEPS = 30
-"""Most steps of Newton's method for the correction."""
 
 
 @dataclass(frozen=True)
@@ -150,9 +156,9 @@ def smooth_log_ratio(frequency: Array, ratio: Array, dof: Array) -> Smooth | Non
     first, last = float(x.min()), float(x.max())
     nodes = np.linspace(first, last, max(4, int((last - first) * _PER_OCTAVE) + 1))
     spacing = float(nodes[1] - nodes[0])
-    left = np.clip(((x - first) / spacing).astype(int), 0, len(nodes) - 2)
+    left = np.clip(((x - first) / spacing).astype(np.int64), 0, len(nodes) - 2)
     right_share = (x - nodes[left]) / spacing
-    problem = _Problem(len(nodes), left, right_share, ratio[used], dof[used] / 2)
+    problem = _Problem(left, right_share, ratio[used], dof[used] / 2)
     priors = [_rough(len(nodes), spacing, size) for size in _SIZES]
     priors += [_bent(len(nodes), spacing, a, level) for a in _LENGTHS for level in _LEVELS]
     tried = [problem.at(prior) for prior in priors]
@@ -182,58 +188,39 @@ def _local(s: Array, spacing: float) -> Array:
     return np.maximum(size / max(float(size.max()), 1e-300), _LEAST_LOCAL)
 
 
+@dataclass(frozen=True)
 class _Problem:
-    """The penalised likelihood of one set of ratios; matrices are banded, (bands, k)."""
+    """The penalised likelihood of one set of ratios, which lie between nodes.
 
-    def __init__(self, k: int, left: NDArray[np.int64], share: Array, r: Array, half: Array):
-        self.k, self.left, self.share, self.r, self.half = k, left, share, r, half
-        a, b = 1 - share, share
-        self._weight = self._at_nodes(a * a * half, b * b * half)
-        self._beside = np.bincount(left, a * b * half, k)
+    Attributes
+    ----------
+    left : ndarray of int64, shape (b,)
+        Node on the left of each ratio.
+    share : ndarray, shape (b,)
+        How far it is towards the next one.
+    ratio, half : ndarray, shape (b,)
+        The ratio, and half of its degrees of freedom.
+    """
+
+    left: NDArray[np.int64]
+    share: Array
+    ratio: Array
+    half: Array
 
     def at(self, prior: Array) -> tuple[Array, float]:
-        """Return s at the nodes and the gain in marginal likelihood for one precision of s."""
-        s = np.zeros(self.k)
-        value = self._value(s, prior)
-        for _ in range(_STEPS):
-            gradient, weight = self._slopes(s, prior)
-            step = solveh_banded(prior + weight, gradient, lower=True)
-            fraction, gained = 1.0, -np.inf
-            while gained < 0 and fraction > 1e-4:
-                trial = s + fraction * np.clip(step, -1.0, 1.0)
-                gained = self._value(trial, prior) - value
-                fraction /= 2
-            if gained < 0:
-                break
-            s, value = trial, value + gained
-            if gained < 1e-6:
-                break
-        _, weight = self._slopes(s, prior)
-        evidence = value - self._value(np.zeros(self.k), prior)
-        evidence += _log_determinant(prior) / 2 - _log_determinant(prior + weight) / 2
-        return s, float(evidence)
+        """Return s at the nodes and the gain in marginal likelihood for one precision of s.
 
-    def _between(self, s: Array) -> Array:
-        return (1 - self.share) * s[self.left] + self.share * s[self.left + 1]
-
-    def _value(self, s: Array, prior: Array) -> float:
-        at = self._between(s)
-        penalty = 0.5 * float(s @ _times(prior, s))
-        return -float(np.sum(self.half * (at + self.r * np.exp(-at)))) - penalty
-
-    def _at_nodes(self, left: Array, right: Array) -> Array:
-        """Sum what belongs to the node on the left of each ratio, and to that on its right."""
-        return np.asarray(
-            np.bincount(self.left, left, self.k) + np.bincount(self.left + 1, right, self.k)
+        The precision is banded, (bands, k). Raises LinAlgError where it is not positive.
+        """
+        (bands, k), bins = prior.shape, len(self.ratio)
+        s = np.empty(k)
+        gain = _maximum(
+            *(self.left, self.share, self.ratio, self.half, prior),
+            *(bins, bands, k, s, np.empty(k * (2 * bands + 4) + bins)),
         )
-
-    def _slopes(self, s: Array, prior: Array) -> tuple[Array, Array]:
-        """Return the gradient, and the expected information in the form of the prior."""
-        slope = self.half * (self.r * np.exp(-self._between(s)) - 1)
-        a, b = 1 - self.share, self.share
-        gradient, information = self._at_nodes(a * slope, b * slope), np.zeros_like(prior)
-        information[0], information[1] = self._weight, self._beside
-        return gradient - _times(prior, s), information
+        if np.isnan(gain):
+            raise np.linalg.LinAlgError("the precision of a smooth remainder is not positive")
+        return s, float(gain)
 
 
 def _rough(k: int, spacing: float, size: float) -> Array:
@@ -268,19 +255,6 @@ def _scaled(prior: Array, size: Array) -> Array:
         stop = prior.shape[1] - j
         scaled[j, :stop] = band[:stop] / (size[:stop] * size[j:])
     return scaled
-
-
-def _times(banded: Array, s: Array) -> Array:
-    """Return the product of a symmetric banded matrix, given by its lower half, with a vector."""
-    total = banded[0] * s
-    for j in range(1, len(banded)):
-        total[:-j] += banded[j, :-j] * s[j:]
-        total[j:] += banded[j, :-j] * s[:-j]
-    return np.asarray(total)
-
-
-def _log_determinant(banded: Array) -> float:
-    return 2 * float(np.sum(np.log(cholesky_banded(banded, lower=True)[0])))
 
 
 def _evidence(fit: Fit, found: Remainder | None) -> tuple[Array, Array, Array, Array]:

@@ -7,6 +7,7 @@ over the DCT ordinates. N is known to 1 / sqrt(2 n); B and K depend on the lengt
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +55,17 @@ def relative_bounds(
     """
     if not isinstance(model, NoiseModel):
         model = NoiseModel(tuple(model), dt)
-    grid = Grid(max(32, round(duration / dt)), 1 / dt)
-    likelihood = Likelihood([Ordinates(grid, np.ones_like(grid.count), grid.count)])
+    likelihood = _likelihood_of(max(32, round(duration / dt)), dt)
     expected = likelihood.expected(model)
     fit = Fit(likelihood, model, likelihood.value(expected), frozenset(), True, expected)
     return dict(zip(fit.names, fit.relative_sd().tolist(), strict=True))
+
+
+@lru_cache(maxsize=128)  # the waits for all numbers of all axes try the same lengths
+def _likelihood_of(n: int, dt: float) -> Likelihood:
+    """Return the likelihood of a run of so many samples."""
+    grid = Grid(n, 1 / dt)
+    return Likelihood([Ordinates(grid, np.ones_like(grid.count), grid.count)])
 
 
 def wait_until(

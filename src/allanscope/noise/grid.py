@@ -171,7 +171,7 @@ def _counts(grid: Grid, excluded: Ranges) -> Array:
     return counts
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)  # of some kilobytes
 def _column(grid: Grid, unit: Component) -> Array:
     if unit.band is not None:
         return _narrow_column(grid, unit, *unit.band)

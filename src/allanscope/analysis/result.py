@@ -575,12 +575,16 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """Return the value with numpy types made plain and everything that is not finite made None."""
+    if type(value) is float:
+        return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
+    if isinstance(value, (np.ndarray, np.generic)):
+        plain = value.tolist()
+        is_finite = value.dtype.kind in "iub" or (
+            value.dtype.kind == "f" and np.isfinite(value).all()
+        )
+        return plain if is_finite else _plain(plain)
+    if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
     return value

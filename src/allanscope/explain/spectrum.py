@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from allanscope.noise import NoiseModel
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
+from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Basis, Fit, Likelihood
 from allanscope.noise.part import Filter, Part
@@ -190,9 +192,31 @@ class SpectrumFitter:
         """Return what fits the model with more parts; of components only these are computed."""
         model = self.basis.model.plus(*parts)
         if any(isinstance(part, Filter) for part in parts):
+            alone = not self.basis.model.filters and self.basis.free.count(False) <= 1
+            if alone and all(isinstance(part, Filter) for part in parts):
+                return replace(self, basis=self._behind(model))
             return SpectrumFitter.of(self.grid, model, self.excluded)
         likelihood = self._likelihood(np.ones(len(self.dof)))
         return replace(self, basis=likelihood.extended(self.basis, model, model.shapes))
+
+    def _behind(self, model: NoiseModel) -> Basis:
+        """Return the basis of this model behind the filters of another, of which it has none."""
+        basis = self.basis
+
+        @cache
+        def passed(filters: tuple[Filter, ...]) -> Array | np.float64:
+            return combined_response(filters, self.grid.dt, self.grid.response)
+
+        fixed, columns = basis.fixed, basis.columns.copy()
+        left = iter(columns)
+        for component, is_free in zip(model, basis.free, strict=True):
+            column = next(left) if is_free else None
+            filters = model.filters_on(component)
+            if filters and column is not None:
+                column *= passed(filters)
+            elif filters:
+                fixed = fixed * passed(filters)
+        return replace(basis, model=model, held=model.shapes, columns=columns, fixed=fixed)
 
     def fit(self, power: Array, start: Array | None = None) -> Spectrum:
         """Return the likeliest spectrum.

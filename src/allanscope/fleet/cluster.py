@@ -124,6 +124,8 @@ def local_cluster(
             {
                 "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
                 "distributed.deploy.lost-worker-timeout": _NEVER,
+                # It looks at what a worker does a hundred times a second.
+                "distributed.worker.profile.enabled": False,
             }
         ),
         LocalCluster(

@@ -17,6 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from allanscope.median import median
 from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95
 
 __all__ = ["ClockError", "LineFit", "RateFit", "fit_line"]
@@ -144,7 +145,7 @@ def fit_line(
     slope_sigma = _slope_sigma(xc, residual, stretch[kept])
     apart = np.diff(index)
     frame = max(float(np.gcd.reduce(apart)), 1.0)
-    phases = np.arange(1, max(int(np.median(apart) / frame), 1) + 1)[:MOST_PHASES]
+    phases = np.arange(1, max(int(median(apart) / frame), 1) + 1)[:MOST_PHASES]
     creep_s = max(
         _room_to_creep(step, frame * period_s, span_s, phases) for step in (resolution_s, cadence_s)
     )
@@ -188,11 +189,11 @@ def _line(
 def _typical_period(x: Floats, y: Floats, segment: NDArray[np.int64]) -> float:
     """Median of slopes over so short a part of the run that most of them span no stall or step."""
     _, inverse, count = np.unique(segment, return_inverse=True, return_counts=True)
-    lag = max(1, min(len(x) // 8, int(np.median(count[inverse])) // 2))
+    lag = max(1, min(len(x) // 8, int(median(count[inverse])) // 2))
     same = segment[lag:] == segment[:-lag]
     dx, dy = (x[lag:] - x[:-lag])[same], (y[lag:] - y[:-lag])[same]
     moved = dx > 0.0
-    return float(np.median(dy[moved] / dx[moved])) if moved.any() else 0.0
+    return median(dy[moved] / dx[moved]) if moved.any() else 0.0
 
 
 def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -206,8 +207,8 @@ def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.
         jump = medians[STEP_ROWS:] - medians[:-STEP_ROWS]
         whole = segment[2 * STEP_ROWS - 1 :] == segment[: 1 - 2 * STEP_ROWS]
         if whole.sum() >= 2 * STEP_ROWS:
-            size = np.where(whole, np.abs(jump - np.median(jump[whole])), 0.0)
-            limit = max(STEP_SIGMAS * MAD_TO_SIGMA * float(np.median(size[whole])), STEP_S)
+            size = np.where(whole, np.abs(jump - median(jump[whole])), 0.0)
+            limit = max(STEP_SIGMAS * MAD_TO_SIGMA * median(size[whole]), STEP_S)
             while size.max() > limit:
                 at = int(size.argmax())
                 breaks[at + STEP_ROWS] = True
@@ -225,8 +226,8 @@ def _centred(values: Floats, stretch: NDArray[np.int64], kept: NDArray[np.bool_]
 
 def _inliers(residual: Floats) -> NDArray[np.bool_]:
     """Pass over what came too late; what came early is no outlier but says where the line is."""
-    excess = residual - np.median(residual)
-    sigma = MAD_TO_SIGMA * float(np.median(np.abs(excess)))
+    excess = residual - median(residual)
+    sigma = MAD_TO_SIGMA * median(np.abs(excess))
     return (excess <= OUTLIER_SIGMAS * max(sigma, TIGHTEST_S)) & (excess >= -STEP_S)
 
 

@@ -36,6 +36,7 @@ from scipy.fft import rfft
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
 
+from allanscope.median import median
 from allanscope.quantities import MAD_TO_SIGMA
 
 __all__ = ["Burst", "find_bursts"]
@@ -193,7 +194,7 @@ class _Rows:
     @classmethod
     def of(cls, x: Array, repeated: Flags | None = None) -> _Rows | None:
         """Whiten rows by linear prediction; None where nothing moves."""
-        scale = MAD_TO_SIGMA * float(np.median(np.abs(x)))
+        scale = MAD_TO_SIGMA * median(np.abs(x))
         if scale <= 0:
             return None
         cut = np.clip(x / scale, -_CUT, _CUT)
@@ -205,7 +206,7 @@ class _Rows:
         errors = np.concatenate([[1.0], -predicted])
         white = np.convolve(cut, errors)[: len(cut)]
         white[:_ORDER] = 0.0  # predicted from rows that there are not
-        own = MAD_TO_SIGMA * float(np.median(np.abs(white)))
+        own = MAD_TO_SIGMA * median(np.abs(white))
         if own <= 0:
             return None
         errors /= own * scale

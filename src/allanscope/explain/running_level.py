@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.median import median
+
 __all__ = ["running_level"]
 
 Array = NDArray[np.float64]
@@ -23,7 +25,7 @@ def running_level(power: Array, lowest: int) -> Array:
     if len(tail) - edges[-1] < _SHORT:
         edges = edges[:-1]
     edges = np.append(edges, len(tail))
-    medians = np.array([np.median(tail[a:b]) for a, b in pairwise(edges)])
+    medians = np.array([median(tail[a:b]) for a, b in pairwise(edges)])
     centres = 0.5 * (edges[:-1] + edges[1:])
     medians = np.maximum(medians, 1e-300) / np.log(2)
     return np.asarray(np.exp(np.interp(np.arange(len(tail)), centres, np.log(medians))))

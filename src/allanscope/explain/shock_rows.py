@@ -25,6 +25,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.explain.burst_rows import Burst, find_bursts
 from allanscope.explain.noise_level_border import rows_of_border
+from allanscope.median import median
 from allanscope.quantities import MAD_TO_SIGMA
 
 __all__ = ["ShockRows", "find_shock_rows"]
@@ -210,7 +211,7 @@ def _off_at_first(x: Array, window: int, step: float) -> tuple[int, float] | Non
     starts = np.linspace(window, len(x) - 2 * window, _PLACES).astype(int)
     total = np.concatenate([[0.0], np.cumsum(x - level)])
     far = (total[starts + size] - total[starts]) / size
-    far -= [float(np.median(x[i + window : i + 2 * window])) - level for i in starts.tolist()]
+    far -= [median(x[i + window : i + 2 * window]) - level for i in starts.tolist()]
     most = float(np.quantile(np.abs(far), _MOST_ELSEWHERE))
     return (size, sigma) if abs(total[size]) / size > _OF_THE_REST * most else None
 
@@ -319,7 +320,7 @@ def _away(x: Array, window: int, step: float) -> _Away | None:
 
 def _deviation(away: Array, step: float = 0.0) -> float:
     """Return the robust standard deviation about zero, no less than half a step of the values."""
-    return max(MAD_TO_SIGMA * float(np.median(np.abs(away))), 0.5 * step)
+    return max(MAD_TO_SIGMA * median(np.abs(away)), 0.5 * step)
 
 
 def _lines(away: Array) -> Array:
@@ -332,7 +333,7 @@ def _lines(away: Array) -> Array:
     around = np.median(power[: len(power) // _BLOCK * _BLOCK].reshape(-1, _BLOCK), axis=1)
     floor = np.repeat(around, _BLOCK)
     floor = np.pad(floor, (0, len(power) - len(floor)), mode="edge")
-    peaks = np.flatnonzero(power > _LINE * np.maximum(floor, float(np.median(power))))
+    peaks = np.flatnonzero(power > _LINE * np.maximum(floor, median(power)))
     if not len(peaks) or power[peaks].sum() < power.sum() / 2:
         return np.zeros(len(away))
     near = np.unique(

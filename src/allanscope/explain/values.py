@@ -129,13 +129,13 @@ def noise_on_lattice(samples: Array, step: float) -> float:
     found = []
     for start in starts:
         codes = np.round((samples[start : start + length] - samples[start]) / step)
+        if codes.std() > 1.5:
+            found.append(float(np.sqrt(max(codes.var() - 1 / 12, 0.01))))
+            continue
         values, seen = np.unique(codes, return_counts=True)
         counts = seen.astype(np.float64)
         if len(values) == 1:
             found.append(0.1)
-            continue
-        if codes.std() > 1.5:
-            found.append(float(np.sqrt(max(codes.var() - 1 / 12, 0.01))))
             continue
 
         def loss(p: Array, values: Array = values, counts: Array = counts) -> float:

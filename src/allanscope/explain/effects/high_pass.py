@@ -105,8 +105,10 @@ def _lacks(view: View) -> bool:
     the model.
     """
     modelled = np.mean(view.squares[:_FEWEST] / view.spectrum.first(_FEWEST))
+    if not modelled < _LOW:
+        return False
     usual = float(np.median(view.squares)) / CHI_SQUARE_MEDIAN
-    return bool(modelled < _LOW and np.mean(view.squares[:_FEWEST]) < _LOW * usual)
+    return bool(np.mean(view.squares[:_FEWEST]) < _LOW * usual)
 
 
 def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None:

@@ -21,6 +21,7 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import View
+from allanscope.median import median
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ class Outliers(EffectKind):
         n = len(view.data)
         limit = -float(ndtri(ALPHA / (2 * n)))
         z, level = deviations(view.data)
-        rounding = 0.5 * view.step / max(float(np.median(np.abs(view.data - level))) * 1.48, 1e-300)
+        rounding = 0.5 * view.step / max(median(np.abs(view.data - level)) * 1.48, 1e-300)
         at = np.flatnonzero(np.abs(z) > limit + rounding)
         at = at[_isolated(view.data, level, at)]
         if len(at) == 0:
@@ -144,7 +145,7 @@ def _compared(data: Array) -> tuple[Array, Array, Array]:
     for b in range(blocks):
         part = np.abs(rest[edges[b] : edges[b + 1]])
         # The mean of what is below 3 medians: exact to a per cent on a lattice too.
-        core = part[part <= 4.5 * max(np.median(part), 1e-300)]
+        core = part[part <= 4.5 * max(median(part), 1e-300)]
         scale[b] = np.sqrt(np.mean(core**2)) * 1.009
     scale = np.maximum(scale, 0.2 * np.median(scale) + 1e-300)
     smooth = np.interp(np.arange(len(data)), 0.5 * (edges[:-1] + edges[1:]), scale)

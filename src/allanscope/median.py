@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["median"]
+__all__ = ["median", "medians"]
 
 
 def median(values: NDArray[Any]) -> float:
@@ -27,3 +27,18 @@ def median(values: NDArray[Any]) -> float:
     if len(values) % 2:
         return float(parted[half])
     return float((parted[:half].max() + parted[half]) / 2)
+
+
+def medians(rows: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the median of each row of an array of shape (k, n), in none of which is NaN.
+
+    Examples
+    --------
+    >>> medians(np.array([[3.0, 1.0, 2.0, 9.0], [4.0, 4.0, 4.0, 5.0]])).tolist()
+    [2.5, 4.0]
+    """
+    half = rows.shape[1] // 2
+    parted = np.partition(rows, half, axis=1)
+    if rows.shape[1] % 2:
+        return np.asarray(parted[:, half], np.float64)
+    return np.asarray((parted[:, :half].max(axis=1) + parted[:, half]) / 2)

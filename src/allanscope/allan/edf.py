@@ -356,10 +356,10 @@ def calibrated_edf(
     alpha, m, n, theory = np.broadcast_arrays(alpha, m, n, np.asarray(theory, np.float64))
     edf = np.array(theory, np.float64)
     tables = _calibration()["edf"].get(kind, {})
-    for name, table in tables.items():
+    for name in tables:
         for i in np.argwhere((alpha == alpha_named(name)) & (m > 1)):
             index = tuple(i)
-            edf[index] = _interpolated(table, name, float(m[index]), float(n[index]), edf[index])
+            edf[index] = _interpolated(kind, name, float(m[index]), float(n[index]), edf[index])
     return edf
 
 
@@ -388,7 +388,7 @@ def calibrated_scale(kind: str, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) ->
             index = tuple(i)
             length, windows = float(n[index]), float(n[index] / m[index])
             if windows <= table["windows"][-1]:
-                scale[index] = 2.0 ** _between(table, "scale", windows, length)[0]
+                scale[index] = 2.0 ** _between("scale", kind, name, windows, length)[0]
     return scale
 
 
@@ -398,22 +398,28 @@ def _calibration() -> dict[str, dict[str, dict[str, dict[str, list[Any]]]]]:
     return tomllib.loads(text)
 
 
+@lru_cache(maxsize=256)
+def _logarithms(column: str, kind: str, name: str) -> tuple[Floats, Floats, list[Floats]]:
+    """Return the binary logarithms of windows, of lengths, and of a table at each length."""
+    table = _calibration()[column][kind][name]
+    rows = [np.log2(row) for row in table[column]]
+    return np.log2(table["windows"]), np.log2(table["samples"]), rows
+
+
 def _between(
-    table: dict[str, list[Any]], column: str, windows: float, length: float
+    column: str, kind: str, name: str, windows: float, length: float
 ) -> tuple[float, list[float]]:
     """Return the binary logarithm of a table there, and at each length of its runs."""
-    known, at = np.log2(table["windows"]), float(np.log2(windows))
-    at_each = [float(np.interp(at, known[: len(row)], np.log2(row))) for row in table[column]]
-    found = np.interp(np.log2(length), np.log2(table["samples"]), at_each)
-    return float(found), at_each
+    known, lengths, rows = _logarithms(column, kind, name)
+    at = float(np.log2(windows))
+    at_each = [float(np.interp(at, known[: len(row)], row)) for row in rows]
+    return float(np.interp(np.log2(length), lengths, at_each)), at_each
 
 
-def _interpolated(
-    table: dict[str, list[Any]], name: str, m: float, n: float, theory: float
-) -> float:
+def _interpolated(kind: str, name: str, m: float, n: float, theory: float) -> float:
     """Return the degrees of freedom of one cell."""
-    found, columns = _between(table, "edf", n / m, n)
-    lengths = np.log2(table["samples"])
+    table, (_, lengths, _) = _calibration()["edf"][kind][name], _logarithms("edf", kind, name)
+    found, columns = _between("edf", kind, name, n / m, n)
     length = float(np.log2(n))
     if length > lengths[-1] and alpha_named(name) > 0:
         slope = (columns[-1] - columns[0]) / (lengths[-1] - lengths[0])

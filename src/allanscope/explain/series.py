@@ -22,6 +22,7 @@ from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.values import Coincidence
 from allanscope.history import Record
 from allanscope.lazy import once
+from allanscope.median import medians
 from allanscope.noise.grid import Grid, grid_of
 from allanscope.parts import full_scale_of
 from allanscope.quantities import CHI_SQUARE_MEDIAN, MAD_TO_SIGMA, count, duration
@@ -221,8 +222,9 @@ class Series:
         edges = [*self.grid.edges, power.shape[1]]
         found = np.zeros(power.shape, bool)
         for low, high in pairwise(edges):
-            level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
-            found[:, low:high] = power[:, low:high] > LOUD * level
+            if high - low > 1:  # one alone is its own median
+                level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
+                found[:, low:high] = power[:, low:high] > LOUD * level
         return found
 
     @once

@@ -120,6 +120,8 @@ class Grid:
 
     def column(self, component: Component) -> Array:
         """Return the mean square that a component gives the ordinates of every bin."""
+        if component.power == 1.0:
+            return _column(self, component)
         return component.power * _column(self, component.with_power(1.0))
 
     def response(self, low_pass: Filter) -> Array:
@@ -174,10 +176,13 @@ def _counts(grid: Grid, excluded: Ranges) -> Array:
 @lru_cache(maxsize=1024)  # of some kilobytes
 def _column(grid: Grid, unit: Component) -> Array:
     if unit.band is not None:
-        return _narrow_column(grid, unit, *unit.band)
-    nodes = _bin_nodes(grid)
-    values = unit.ordinates(nodes.ravel(), grid.n, grid.dt, grid.stride).reshape(nodes.shape)
-    return np.asarray(_SIMPSON @ values)
+        column = _narrow_column(grid, unit, *unit.band)
+    else:
+        nodes = _bin_nodes(grid)
+        values = unit.ordinates(nodes.ravel(), grid.n, grid.dt, grid.stride).reshape(nodes.shape)
+        column = np.asarray(_SIMPSON @ values)
+    column.flags.writeable = False  # it is given away
+    return column
 
 
 def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) -> Array:

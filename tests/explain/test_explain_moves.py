@@ -180,7 +180,7 @@ def test_an_error_may_grow_by_what_sampling_leaves() -> None:
     assert growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, 3.0)) == (0.0, "")
     assert "chi-square" in growth(before, ResidualError(9.0, 1e-9, 9.7, 11.0, 3.0))[1]
     assert "worst band" in growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, -9.0))[1]
-    assert "rms" in growth(before, ResidualError(1.3, 0.2, 19.7, 11.0, 3.0))[1]
+    assert "rms" in growth(before, ResidualError(1.3, 0.2, 24.7, 11.0, 3.0))[1]
 
 
 def test_an_rms_that_grows_beyond_sampling_is_said_with_what_sampling_leaves() -> None:

@@ -44,9 +44,10 @@ _SAME = 1.02
 _ALIKE, _AGAINST = 9, 5.0
 """Ordinates over which power that is left out is averaged, and nats that speak against a signal."""
 _OF_CURVE = "rms over averaging times"
-_LEAST_CHI2, _LEAST_Z, _LEAST_RMS = 2.0, 4.0, 1.5
+_LEAST_CHI2, _LEAST_Z, _LEAST_RMS = 2.0, 4.0, 2.0
 """Chi-square per degree of freedom, z of the worst of so many bands, and rms over that which
-sampling leaves on average, up to which an error may be sampling."""
+sampling leaves on average, up to which an error may be sampling: the rms of three independent
+averaging times is beyond once in 130 (Pearson's chi-square)."""
 
 
 def penalty_passed(view: View, candidate: Candidate, spent: float) -> bool:

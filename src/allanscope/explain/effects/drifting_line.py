@@ -29,7 +29,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idct
-from scipy.signal import find_peaks
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
@@ -212,6 +211,8 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
     u = view.squares[inside] / view.spectrum.ordinates[inside]
     if len(u) < 3 * _VALLEY:
         return [cluster]
+    from scipy.signal import find_peaks  # half a second to load, and few records have such lines
+
     mean = np.maximum(np.convolve(u, np.ones(_VALLEY) / _VALLEY, mode="same"), 1.0)
     level = np.concatenate([[0.0], np.log(mean), [0.0]])  # a peak at the edge is one
     peaks, _ = find_peaks(level, prominence=np.log(_DEEP), distance=_VALLEY)

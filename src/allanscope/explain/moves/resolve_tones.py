@@ -54,7 +54,7 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         is_one = len(whole.excluded) > 1 or high - low < _FAMILY * high
         if is_one or excess(view, *parts) < _MOST * excess(view, band):
             parts = [band]
-        if len(whole.excluded) == 1:
+        if not is_one:
             parts = [one for part in parts for one in lines_of(view, part)]
         path.evaluations += len(parts)
         if path.is_spent:

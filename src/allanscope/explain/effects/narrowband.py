@@ -64,6 +64,8 @@ _ROUNDS = 3
 _HOPELESS = 0.5
 """Share of the penalty below which the first fit stands: what another shape and another background
 add to so faint a band are a few nats."""
+_ROUGHLY = 0.1
+"""Nats, and in log width, to which a band is followed at first, and further only if it has hope."""
 _PENALTY = calibrated_penalty("narrowband")
 """Nats beyond half of those of as many independent frequencies as there are rows."""
 _RESOLVED = 0.05
@@ -382,13 +384,16 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         narrow = np.exp(at[3]) < _COLLAPSED * unit
         return bool(narrow and window.flat() - window.loss(at) < price)
 
-    for _ in range(_ROUNDS):
+    begin = point
+    for turn in range(_ROUNDS + 1):
         # What is beside the band is known only once the band is in the model.
-        window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
-        spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
-        x_within = 1e-3 * float(np.exp(point[3]))
+        window = _window(view, beside, float(begin[2]), float(np.exp(begin[3])), shape)
+        width_hz = float(np.exp(begin[3]))
+        spread = np.diag([0.05, 0.3, 0.3 * width_hz, 0.3])
+        is_rough = turn == 0
+        x_within, within = (_ROUGHLY, _ROUGHLY) if is_rough else (1e-3 * width_hz, 1e-3)
         found = minimise(
-            window.loss, point, spread, x_within=x_within, within=1e-3, turns=500, until=is_line
+            window.loss, begin, spread, x_within=x_within, within=within, turns=500, until=is_line
         )
         point = found.x
         f0, w = float(point[2]), float(np.exp(point[3]))
@@ -401,7 +406,8 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
             gain = max(gain, window.flat() - found.value)
         if _is_hopeless(view, gain):
             break
-        beside = partial(whole.of, whole.model.components[:-1])
+        if not is_rough:
+            begin, beside = point, partial(whole.of, whole.model.components[:-1])
     effect = _band(view, point[1:], _errors(window.loss, point)[1:])
     return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
 

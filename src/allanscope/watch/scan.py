@@ -300,7 +300,7 @@ def locate(
         after = _level(values[at:], spread)
         size, first = after - before, max(earliest - 1, 1)
         gains = _gains_within(values, _shares(before - zero, after - zero, power))[first:]
-    moment, lower, upper = _quantiles(gains / (2 * variance * MEMORY))
+    moment, lower, upper = _quantiles(gains / (2 * variance * MEMORY)).tolist()
     times = first + moment, first + lower, first + upper
     return Change("ramp" if is_ramp else "step", at, *times, before, size)
 

@@ -17,6 +17,7 @@ border lies where those of a cascade that took the window alone would start as w
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,13 +141,7 @@ class WindowBorders:
 
     def copy(self) -> WindowBorders:
         """Return an independent copy."""
-        copy = WindowBorders.__new__(WindowBorders)
-        copy.__dict__.update(self.__dict__)
-        for name in ("_places", "_rows", "_waiting"):
-            setattr(copy, name, getattr(self, name).copy())
-        for name in ("_squares", "_terms"):
-            setattr(copy, name, self._with_room(getattr(self, name)))
-        return copy
+        return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process or a copy needs: no borders that are not in use."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import idct
 
+from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 
 __all__ = ["Presence", "presence_of"]
@@ -96,7 +96,7 @@ def presence_of(view: View, low: float, high: float) -> Presence | None:
         inside &= grid.frequency > min(low, reach)  # what is slower is no part of it
         if not inside.any():
             continue
-        wave = idct(np.concatenate([[0.0], view.ordinates * inside]), norm="ortho")
+        wave = in_time(view.ordinates * inside)
         edges = np.linspace(0, grid.n, parts + 1).astype(int)
         power = np.add.reduceat(wave**2, edges[:-1])
         noise = float(view.spectrum.ordinates[inside].sum()) / parts

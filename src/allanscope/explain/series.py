@@ -32,6 +32,7 @@ __all__ = [
     "SHORTEST_ROWS",
     "SHORTEST_S",
     "Series",
+    "in_time",
     "multiple_of",
     "observations",
     "series_of",
@@ -145,7 +146,7 @@ class Series:
         """Temperature less the converter's noise, mean removed; None without one."""
         if self.thermal_ordinates is None:
             return None
-        return np.asarray(idct(np.concatenate([[0.0], self.thermal_ordinates]), norm="ortho"))
+        return in_time(self.thermal_ordinates)
 
     @once
     def thermal_ordinates(self) -> Array | None:
@@ -218,23 +219,31 @@ class Series:
     @once
     def loud(self) -> NDArray[np.bool_]:
         """Ordinates that hold a line of their axis, by the median around them, (axes, n - 1)."""
-        power = self.ordinates**2
-        edges = [*self.grid.edges, power.shape[1]]
-        found = np.zeros(power.shape, bool)
-        for low, high in pairwise(edges):
-            if high - low > 1:  # one alone is its own median
-                level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
-                found[:, low:high] = power[:, low:high] > LOUD * level
-        return found
+        return self._above_level > LOUD
 
     @once
     def lines(self) -> NDArray[np.bool_]:
         """Ordinates in and beside a line of their axis that may be as wide as some tens of them."""
+        means = uniform_filter1d(self._above_level, _WIDTH, axis=1)
+        return np.array([_beside(one > _STANDS_OUT) for one in means])
+
+    @once
+    def _above_level(self) -> Array:
+        """Power of every ordinate over that of the noise around it, by the median of its bin."""
         power = self.ordinates**2
         for low, high in pairwise([*self.grid.edges, power.shape[1]]):
-            level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
+            level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
             power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
-        return np.array([_beside(uniform_filter1d(one, _WIDTH) > _STANDS_OUT) for one in power])
+        return power
+
+
+def in_time(ordinates: Array) -> Array:
+    """Return the samples without a mean whose DCT-II ordinates are these, shape (n,) of (n - 1,).
+
+    >>> in_time(np.array([1.0, 0.0])).round(3).tolist()
+    [0.707, 0.0, -0.707]
+    """
+    return np.asarray(idct(np.concatenate([[0.0], ordinates]), norm="ortho", overwrite_x=True))
 
 
 def _beside(loud: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
+from scipy.fft import dct
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.crowded_codes import CrowdedCode, crowded_codes, missing_codes
 from allanscope.explain.effect import SearchStep
-from allanscope.explain.series import Series
+from allanscope.explain.series import Series, in_time
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter, StepScan
 from allanscope.explain.values import step_of
 from allanscope.lazy import once
@@ -191,8 +191,12 @@ class View:
         """
         kept = self.spectrum.outside_zeros
         white = self.ordinates / np.sqrt(self.spectrum.ordinates * max(kept.mean(), 1e-9))
-        white = np.concatenate([[0.0], white * kept])
-        return np.asarray(idct(white, norm="ortho"))
+        return in_time(white * kept)
+
+    @once
+    def whitened(self) -> Array:
+        """Ordinates by the noise model, of unit variance; 0 where they are cut out of the fit."""
+        return self.ordinates / np.sqrt(self.spectrum.ordinates) * self.spectrum.kept
 
     @once
     def scan(self) -> StepScan:

@@ -28,12 +28,12 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import idct
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.presence import Presence, presence_of
+from allanscope.explain.series import in_time
 from allanscope.explain.stationarity import demodulate
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
@@ -234,9 +234,9 @@ def _is_all_along(view: View, cluster: Cluster) -> bool:
 
 def _inside(view: View, cluster: Cluster) -> Array:
     """Return the part of the data within a cluster, in time."""
-    kept = np.zeros(view.grid.n)
-    kept[1 + cluster.first : 1 + cluster.stop] = view.ordinates[cluster.first : cluster.stop]
-    return np.asarray(idct(kept, norm="ortho"))
+    kept = np.zeros_like(view.ordinates)
+    kept[cluster.first : cluster.stop] = view.ordinates[cluster.first : cluster.stop]
+    return in_time(kept)
 
 
 def profile_of(view: View, cluster: Cluster) -> tuple[LineProfile, float]:
@@ -378,8 +378,7 @@ def _stands_out(view: View, cluster: Cluster) -> bool:
 def _around(view: View, centre: float, reach: float) -> Array:
     """Return the part of the data within a distance of a frequency, in time."""
     apart = np.abs(view.grid.frequency - centre)
-    kept = np.where(apart < min(reach, 0.9 * centre), view.ordinates, 0.0)
-    return np.asarray(idct(np.concatenate([[0.0], kept]), norm="ortho"))
+    return in_time(np.where(apart < min(reach, 0.9 * centre), view.ordinates, 0.0))
 
 
 def _predicted(view: View, centre: float, width: float, there: Presence | None) -> HeldOut | None:

@@ -22,7 +22,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import idct
 from scipy.special import chdtrc
 
 from allanscope.explain.candidate import Candidate, HeldOut
@@ -33,6 +32,7 @@ from allanscope.explain.effects.variance_change import (
     best_interval,
     log_alternatives,
 )
+from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 from allanscope.optimise import minimise_between
 
@@ -113,8 +113,7 @@ class ScaleDrift(EffectKind):
 
 def _power(view: View) -> tuple[Array, Array]:
     """Return mean squares of bands and blocks, shape (bands, blocks), and their freedom."""
-    kept = view.spectrum.kept
-    white = view.ordinates / np.sqrt(view.spectrum.ordinates) * kept
+    kept, white = view.spectrum.kept, view.whitened
     n = len(white)
     edges = np.geomspace(max(1.0, _LOWEST * n), n, _BANDS + 1).astype(int)
     powers, freedoms = [], []
@@ -122,9 +121,9 @@ def _power(view: View) -> tuple[Array, Array]:
         most = np.count_nonzero(kept[low:high]) / _BLOCKS
         if most < _FEWEST:
             continue
-        band = np.zeros(n + 1)
-        band[1 + low : 1 + high] = white[low:high]
-        squares = np.asarray(idct(band, norm="ortho", overwrite_x=True)) ** 2
+        band = np.zeros_like(white)
+        band[low:high] = white[low:high]
+        squares = in_time(band) ** 2
         squares = np.minimum(squares, _CAP * squares.mean())
         power = np.array([part.mean() for part in np.array_split(squares, _BLOCKS)])
         # What neighbours differ by more than chance makes them tells less of the level.

@@ -23,13 +23,13 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import idct
 from scipy.special import chdtrc
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.noise_level_border import instant_of, rows_of_border
+from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 from allanscope.quantities import measured
 
@@ -179,11 +179,9 @@ def _until_an_end(found: _Found, blocks: int) -> bool:
 
 def _in_band(view: View, band: slice) -> Array:
     """Return the whitened data between two frequencies, of unit variance."""
-    only = np.zeros(view.grid.n)
-    white = view.ordinates / np.sqrt(view.spectrum.ordinates) * view.spectrum.kept
-    only[1:][band] = white[band]
-    share = float(np.mean(only != 0.0))
-    return np.asarray(idct(only, norm="ortho") / np.sqrt(share))
+    only = np.zeros_like(view.whitened)
+    only[band] = view.whitened[band]
+    return np.asarray(in_time(only) / np.sqrt(np.count_nonzero(only) / view.grid.n))
 
 
 def _changed_band(view: View, found: _Found, size: int, blocks: int) -> slice | None:
@@ -222,16 +220,15 @@ def _quarters(view: View, found: _Found, size: int) -> tuple[list[int], Array, A
     Without those of which too little was kept.
     """
     _, first, last, _ = found
-    kept = view.spectrum.kept
-    white = view.ordinates / np.sqrt(view.spectrum.ordinates) * kept
+    kept, white = view.spectrum.kept, view.whitened
     ratios, weights = [], []
     edges = [round(i * len(white) / _QUARTERS) for i in range(_QUARTERS + 1)]
     for part in (np.arange(a, b) for a, b in pairwise(edges)):
         if kept[part].mean() < _LEFT or not white[part].any():
             continue
-        only = np.zeros(len(white) + 1)
-        only[1 + part] = white[part]
-        power = np.asarray(idct(only, norm="ortho")) ** 2
+        only = np.zeros_like(white)
+        only[part] = white[part]
+        power = in_time(only) ** 2
         inside = power[first * size : last * size].mean()
         outside = (power.sum() - inside * (last - first) * size) / (
             len(power) - (last - first) * size

@@ -33,6 +33,8 @@ FORMS = {
 """Forms of a kind, and the parameter that tells each."""
 LONG_S = 200.0
 """What relaxes or follows a room takes so long at the least."""
+COHERENCES = 15.0
+"""Of a noise band in a record: fewer do not show that it is noise."""
 LONGEST_EXCURSION = 0.2
 """As a share of a record."""
 
@@ -73,6 +75,12 @@ class Carrier:
     def axis(self) -> str:
         """Its name."""
         return self.record.axes[0]
+
+
+def _is_seen(codes: Array, last: float) -> bool:
+    """Return whether a cut at this code collects five deviations of what it holds anyway."""
+    beyond, within = np.sum(codes > last), np.sum(codes == last)
+    return bool(beyond >= max(20.0, 5 * np.sqrt(within)))
 
 
 class Injector(Maker):
@@ -123,14 +131,20 @@ class Injector(Maker):
 
     def gauss_markov(self, times, _noise, _others):
         tc = float(np.exp(self.rng.uniform(np.log(0.3), np.log(self.duration / 15))))
-        sigma = times * np.sqrt(self._process(partial(lorentzian, tc=tc, rate=self.rate), 12.0))
+        power = self._process(partial(lorentzian, tc=tc, rate=self.rate), 12.0 * times**2)
+        if power is None:
+            return None
+        sigma = float(np.sqrt(power))
         path = forgetting(self.rng, self.n, np.exp(-1 / (tc * self.rate)), sigma)
         return {"sigma": sigma, "correlation_time": tc}, path
 
     def random_telegraph(self, times, _noise, _others):
         dwell = float(np.exp(self.rng.uniform(np.log(0.6), np.log(self.duration / 20))))
         density = partial(lorentzian, tc=dwell / 2, rate=self.rate)
-        a = times * np.sqrt(self._process(density, 12.0))
+        power = self._process(density, 12.0 * times**2)
+        if power is None:
+            return None
+        a = float(np.sqrt(power))
         path = hopping(self.rng, self.n, 1 / (dwell * self.rate), a)
         return {"amplitude": a, "dwell": dwell}, path
 
@@ -144,14 +158,19 @@ class Injector(Maker):
             below = (w0**2 - w**2) ** 2 + (2 * zeta * w0 * w) ** 2
             return 2 * zeta * w0**3 / below * self.rate
 
-        sigma = times * np.sqrt(self._process(density, 14.0))
+        power = self._process(density, 14.0 * times**2)
+        if power is None or width < COHERENCES / self.duration:
+            return None
+        sigma = float(np.sqrt(power))
         pole = np.exp((-zeta * w0 + 1j * w0 * np.sqrt(1 - zeta**2)) / self.rate)
         path = ringing(self.rng, self.n, pole, sigma)
         return {"frequency": f, "bandwidth": width, "sigma": sigma}, path
 
     def power_law(self, times, _noise, _others):
         exponent = float(self.rng.choice([0.5, 1.5]))
-        size = times**2 * self._process(lambda f: f**-exponent, 12.0)
+        size = self._process(lambda f: f**-exponent, 12.0 * times**2)
+        if size is None:
+            return None
         f = np.arange(1, self.n) * self.rate / (2 * self.n)
         ordinates = self.rng.normal(size=self.n - 1) * np.sqrt(size * f**-exponent)
         return {"exponent": exponent}, idct(np.concatenate([[0.0], ordinates]), norm="ortho")
@@ -270,8 +289,17 @@ class Injector(Maker):
         return {"fraction": fraction}, None, lambda _rng, _own: self.carrier.record.values[rows]
 
     def saturation(self, times, _noise, _others):
-        share = 2e-3 * times
+        """Cut one end: at the limit what lies beyond it is five deviations of the last code."""
         side = int(self.rng.choice([-1, 1]))
+        own = side * self.carrier.record.values[:, 0]
+        codes = np.round(own / (self.carrier.record.lsb[0] or 1e-12))
+        share = times * next(
+            share
+            for share in np.geomspace(20 / len(own), 1.0)
+            if _is_seen(codes, float(np.quantile(codes, 1 - share))) or share > 0.5
+        )
+        if share > 0.5:
+            return None
 
         def cut(_rng: np.random.Generator, own: Array) -> Array:
             return side * np.minimum(side * own, np.quantile(side * own, 1 - share))
@@ -329,8 +357,11 @@ class Injector(Maker):
         x = dct(shape - shape.mean(), norm="ortho")[1:]
         return sigmas / float(np.sqrt(np.sum(x**2 / self.carrier.variance)))
 
-    def _process(self, density, nats: float) -> float:
-        """Return the factor on a density that leaves so many nats to the likeliest N, B and K."""
+    def _process(self, density, nats: float) -> float | None:
+        """Return the factor on a density that leaves so many nats to the likeliest N, B and K.
+
+        None where no factor does: what is much louder than N may be nearly a K.
+        """
         f = np.geomspace(self.rate / (2 * self.n), self.rate / 2, 400)
         count = np.gradient(f) * 2 * self.n / self.rate
         noise = np.interp(f, np.arange(1, self.n) * self.rate / (2 * self.n), self.carrier.variance)
@@ -351,7 +382,10 @@ class Injector(Maker):
             best = minimize(divergence, begin, method="Nelder-Mead", options={"maxiter": 400})
             return float(best.fun)
 
-        low, high = 1e-6, 1e6
+        most = max(np.geomspace(1e-3, 1e6, 19), key=left)
+        if left(most) < nats:
+            return None
+        low, high = 1e-6, float(most)
         for _ in range(24):
             middle = np.sqrt(low * high)
             low, high = (middle, high) if left(middle) < nats else (low, middle)

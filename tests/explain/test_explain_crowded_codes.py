@@ -98,3 +98,47 @@ def test_fan_off_measured_has_no_dead_zone():
     result = allanscope.analyse(MEASURED / "ism330dhcx-fan-off.parquet")
     words = [effect.evidence["words"] for effect in result.axes["ax"].explanation.effects]
     assert not any("dead zone" in one for one in words)
+
+
+def _white(rng, n):
+    return rng.normal(size=n)
+
+
+def _louder_in_a_tenth(rng, n):
+    return rng.normal(size=n) * np.where(rng.random(n) < 0.1, 3.0, 1.0)
+
+
+def _on_a_line(rng, n):
+    return rng.normal(size=n) + 5 * np.sin(0.1 * np.arange(n))
+
+
+def _between_two_levels(rng, n):
+    return rng.normal(size=n) + 10.0 * (rng.random(n) < 0.5)
+
+
+def _with_heavy_tails(rng, n):
+    return rng.laplace(size=n)
+
+
+SHAPES = (_white, _louder_in_a_tenth, _on_a_line, _between_two_levels, _with_heavy_tails)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_no_distribution_ends_at_a_limit_on_a_coarse_lattice(shape):
+    rng = np.random.default_rng(514)
+    for steps in (1.0, 1.6, 2.4, 4.0, 7.0):
+        for n in (2_000, 20_000, 200_000):
+            samples = np.round(steps * shape(rng, n) + rng.uniform(-0.5, 0.5))
+            assert crowded_codes(samples, 1.0) == (), (steps, n)
+
+
+@pytest.mark.parametrize("steps", [2.4, 3.0, 4.0])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_limit_in_the_tail_is_found_though_the_code_beside_it_holds_more(steps, side):
+    rng = np.random.default_rng(515)
+    limit = np.round(2.05 * steps)  # cuts 2 %
+    samples = side * np.minimum(np.round(steps * rng.normal(size=200_000)), limit)
+    beside, last = (np.count_nonzero(side * samples == limit - k) for k in (1, 0))
+    (crowded,) = crowded_codes(samples, 1.0)
+    assert (crowded.value, crowded.side) == (side * limit, side)
+    assert last < 1.2 * beside or steps > 3

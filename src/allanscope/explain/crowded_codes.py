@@ -28,6 +28,11 @@ _FEWEST_ARRIVALS = 20
 """Arrivals that make a code crowded."""
 _MORE, _SIGMAS = 1.2, 5.0
 """Ratio and deviations by which a crowded code at an end exceeds the value beside it."""
+_SPREADS, _BENDS = 1.5, 1.6
+"""Noise in steps from which a lacking tail is told, and how much more than that of Gaussian noise
+its log-density may bend: its standard deviation is known to a fifth."""
+_COLLECTS = 1.15
+"""Ratio of the last code to what a tail lets expect of it, beyond which it collects."""
 _TWICE, _ALPHA, _MATTERS = 2.0, 1e-4, 0.01
 """Within: ratio to the fuller neighbour, chance of it among all codes, and share of all samples
 beyond what the neighbours hold."""
@@ -99,6 +104,7 @@ def crowded_codes(samples: Array, step: float) -> tuple[CrowdedCode, ...]:
             _is_heaped(arrivals, int(i), peak * beside)
             if side == 0
             else arrivals[i] >= _MORE * beside + _SIGMAS * np.sqrt(max(beside, 1.0))
+            or (step > 0 and _lacks_its_tail(values, arrivals, side, spread / step))
         ):
             continue
         own = codes == values[i]
@@ -159,6 +165,39 @@ def _is_heaped(arrivals: NDArray[np.int64], i: int, usual: float) -> bool:
     if arrivals[i] < _TWICE * usual or excess < _MATTERS:
         return False
     return bool(pdtrc(arrivals[i] - 1, max(usual, 1.0)) * len(arrivals) < _ALPHA)
+
+
+def _lacks_its_tail(
+    values: NDArray[np.int64], arrivals: NDArray[np.int64], side: int, spread: float
+) -> bool:
+    """Return whether nothing lies beyond the last code though noise of this spread goes on.
+
+    Whatever Gaussian noise of s steps is added to, its log-density bends by no more than 1 / s^2
+    (the derivative of Tweedie's formula), so its slope beside the end, and what it holds beyond,
+    have a lower bound that the codes further in tell. The last code has no say in it, but collects:
+    it holds more than log-concave tails let it, or the distribution just ends (a uniform one does).
+    """
+    last = slice(None, None, -1) if side > 0 else slice(None)
+    codes = values[last][:6]
+    if spread < _SPREADS or len(codes) < 4 or np.any(np.abs(np.diff(codes)) != 1):
+        return False
+    end, *beside = arrivals[last][:6].tolist()
+    counts = np.array(beside, float)
+    usual = counts[0] ** 2 / counts[1]
+    error = np.sqrt(usual + usual**2 * (4 / counts[0] + 1 / counts[1]))
+    if end < max(_COLLECTS * usual, usual + 2 * error):
+        return False
+    # A fast line spreads more than noise does: the log-density of the codes bends visibly then.
+    bends = -np.diff(np.log(counts), 2)
+    errors = np.sqrt(np.convolve(1 / counts, [1, 4, 1], "valid"))
+    bend = max(_BENDS / spread**2, *(bends - errors / 2))
+    slopes = [
+        (np.log(counts[0] / counts[m]) - 3 * np.sqrt(1 / counts[0] + 1 / counts[m])) / m
+        - bend * (m - 1) / 2
+        for m in range(1, len(counts))
+    ]
+    beyond = counts[0] * np.exp(2 * max(slopes) - 3 * bend)
+    return bool(beyond >= _FEWEST_ARRIVALS)
 
 
 def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:

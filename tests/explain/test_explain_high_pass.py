@@ -40,6 +40,30 @@ def test_a_running_mean_that_was_subtracted_is_one(bench):
     assert {effect.kind for effect in axis.effects} <= {"high_pass", "unexplained"}
 
 
+@pytest.mark.parametrize("seed", range(730, 733))
+def test_an_average_that_begins_with_the_record_is_one(bench, seed):
+    """It forgets its first sample slowly, and what is left of that filled the lowest ordinates."""
+    b, corner = bench(seed, 300.0), 0.1
+    level = b.noise()
+    level[0] += 1.5 * N * RATE**0.5
+    keep = np.exp(-2 * np.pi * corner / RATE)
+    late, _ = lfilter([1 - keep], [1, -keep], level, zi=[keep * level[0]])
+    axis = explain(b.record(level - late)).axes["gx"]
+    assert [effect.kind for effect in axis.effects] == ["high_pass"]
+    assert axis.explained
+    found = axis.effects[0].parameters["corner"]
+    assert found.lower < corner < found.upper
+
+
+@pytest.mark.parametrize("time_constant", [1.5, 3.0, 6.0])
+def test_an_exponential_at_the_start_is_none(bench, time_constant):
+    b = bench(734, 300.0)
+    start = 0.2 * np.exp(-b.t / time_constant)
+    white = b.rng.normal(0, N * RATE**0.5, len(b.t))
+    axis = explain(b.record(white + start)).axes["gx"]
+    assert "high_pass" not in [effect.kind for effect in axis.effects]
+
+
 @pytest.mark.parametrize("seed", range(725, 728))
 def test_a_low_pass_and_a_drift_are_none(bench, seed):
     b = bench(seed, 600.0)

@@ -24,6 +24,7 @@ from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.lazy import once
 from allanscope.noise.grid import Grid
+from allanscope.noise.part import Filter
 from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
 __all__ = [
@@ -123,17 +124,22 @@ def ramp_ordinates(grid: Grid, size: int) -> Array:
     return np.asarray(np.where(k % 2, total, 0.0) / grid.rate_hz)
 
 
-def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
+def joint_fit(
+    view: View, columns: Array, rounds: int = _ROUNDS, filters: tuple[Filter, ...] = ()
+) -> Regression:
     """Fit amplitudes and noise together.
 
     Parameters
     ----------
     columns : ndarray, shape (p, m)
         First m ordinates of p signals; beyond m they must be negligible.
+    filters : tuple of Filter
+        What the noise passes beside the parts of the view; the gain is that of signals and filters.
     """
     columns = np.atleast_2d(columns)
     m = columns.shape[1]
-    fitter, null = view.fitter, view.spectrum
+    null = view.spectrum
+    fitter = view.fitter.plus(*filters) if filters else view.fitter
     d = view.ordinates[:m]
     kept = null.kept[:m].astype(np.float64)
     power = view.power.copy()

@@ -8,22 +8,34 @@ deviation falls faster than :math:`\tau^{-1/2}` beyond :math:`1 / 2 \pi f_c`, an
 1 s is no longer N. B and K are known as far as they stand out above the corner. A random walk
 behind one has the spectrum of white noise behind a low-pass, so at the corner the white noise must
 be the larger.
+
+An average that begins with the first sample has the noise of this one sample, and forgets it with
+its time constant: :math:`a\, e^{-2 \pi f_c t}` is left in the record, which fills the lowest
+ordinates again. So both are fitted, a filter that has run for long and one that begins with the
+record, the amplitude of the exponential together with the noise. What the exponential gains by
+itself is no evidence of a filter, and is taken off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.regression import reach_at_95
+from allanscope.explain.heldout import halves
+from allanscope.explain.regression import (
+    Regression,
+    joint_fit,
+    reach_at_95,
+    relaxing_ordinates,
+)
 from allanscope.explain.residual import removes
 from allanscope.explain.view import View
 from allanscope.noise.components import AngleQuantization, FlickerPhase
@@ -43,6 +55,8 @@ _SLOPES = (1.0, 6.0)
 """Of the filter: none is of less than the first order."""
 _TRIED = 8
 """Corners tried first."""
+_ONE_MORE = 1.0
+"""Nats that a number more must gain: the amplitude of what a filter begins with."""
 _SCALE, _TURN = 0.15, 0.7
 """Of ln corner, with which the search for the ends of its interval begins, and how far ln slope
 goes along."""
@@ -82,7 +96,7 @@ class HighPass(EffectKind):
         highest = _HIGHEST * view.grid.rate_hz
         if highest < 2 * lowest:
             return []
-        found = _fitted(view, np.geomspace(lowest, highest, _TRIED).tolist(), lowest)
+        found = _likeliest(view, np.geomspace(lowest, highest, _TRIED).tolist(), lowest)
         if found is None:
             return []
         # Noise of the angle rises all the way up, and is one of the textbook's.
@@ -91,27 +105,44 @@ class HighPass(EffectKind):
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate the corner again."""
-        return _fitted(view, [self.corner.value], self.corner.value / 10)
+        return _likeliest(view, [self.corner.value], self.corner.value / 10)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return it where it removes its part of the residual."""
-        return candidate if removes(view, candidate) else None
+        return candidate if removes(_settled(view, candidate), candidate) else None
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Fit it on one half of the record, without its start, and judge it on the other."""
+        return halves(_settled(view, candidate), candidate)
 
 
 def _lacks(view: View) -> bool:
     """Return whether the lowest ordinates hold less than the noise that is white beyond them.
 
     Less than the model has there, and than most others hold: lines that are not yet explained raise
-    the model.
+    the model. What a filter begins with is nearly the same in all of them.
     """
-    modelled = np.mean(view.squares[:_FEWEST] / view.spectrum.first(_FEWEST))
-    if not modelled < _LOW:
-        return False
     usual = float(np.median(view.squares)) / CHI_SQUARE_MEDIAN
-    return bool(np.mean(view.squares[:_FEWEST]) < _LOW * usual)
+    level = np.minimum(view.spectrum.first(_FEWEST), usual)
+    white = view.ordinates[:_FEWEST] / np.sqrt(level)
+    return bool(min(np.mean(white**2), np.var(white, ddof=1)) < _LOW)
 
 
-def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None:
+def _settled(view: View, candidate: Candidate) -> View:
+    """Return the view without what the filter began with."""
+    return view if candidate.signal is None else view.accept(replace(candidate, parts=()))
+
+
+def _likeliest(view: View, corners: list[float], lowest: float) -> Candidate | None:
+    """Return a high-pass that has run for long, or one that begins with the record."""
+    running = _fitted(view, corners, lowest, begins=False)
+    begun = _fitted(view, corners, lowest, begins=True)
+    if running is None or (begun is not None and begun.gain > running.gain + _ONE_MORE):
+        return begun
+    return running
+
+
+def _fitted(view: View, corners: list[float], lowest: float, *, begins: bool) -> Candidate | None:
     low, high = np.log([lowest, _HIGHEST * view.grid.rate_hz])
     length_s = view.grid.n / view.grid.rate_hz
 
@@ -119,7 +150,15 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
         corner, slope = np.exp(point).tolist()
         return Filter(corner, slope, length_s)
 
+    def column(one: Filter) -> Array:
+        return relaxing_ordinates(view.grid, 0, 1 / (2 * np.pi * one.corner), view.grid.low)
+
+    def with_start(one: Filter) -> Regression:
+        return joint_fit(view, column(one), filters=(one,))
+
     def lost(point: Array) -> float:
+        if begins:
+            return -with_start(at(point)).gain - view.spectrum.loglik
         return -view.loglik_with(at(point))
 
     def loss(point: Array) -> float:
@@ -132,16 +171,19 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
     if found.value >= 1e12:
         return None
     high_pass = at(found.x)
-    noise = view.spectrum_with(high_pass).model
+    noise = (with_start(high_pass).spectrum if begins else view.spectrum_with(high_pass)).model
     slow = noise.value("B") ** 2 / (2 * np.pi * high_pass.corner)
     slow += (noise.value("K") / (2 * np.pi * high_pass.corner)) ** 2
     if noise.value("N") ** 2 < slow:
         return None
     corner = _interval(lost, found.x, found.value)
-    gain = -found.value - view.spectrum.loglik
-    return Candidate(
-        HighPass(corner, high_pass.slope), gain, float(np.log(_TRIED)), parts=(high_pass,)
-    )
+    gain, signal = -found.value - view.spectrum.loglik, None
+    if begins:
+        gain -= max(joint_fit(view, column(high_pass)).gain, 0.0)
+        t = np.arange(view.grid.n) / view.grid.rate_hz
+        signal = with_start(high_pass).amplitude[0] * np.exp(-2 * np.pi * high_pass.corner * t)
+    effect = HighPass(corner, high_pass.slope)
+    return Candidate(effect, gain, float(np.log(_TRIED)), signal=signal, parts=(high_pass,))
 
 
 def _interval(lost: Callable[[Array], float], at: Array, least: float) -> Estimate:

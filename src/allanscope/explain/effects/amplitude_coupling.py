@@ -47,7 +47,7 @@ _CLEARLY = 5.0
 """Nats by which intervals of another level must explain less, both less their penalties."""
 _ELSEWHERE = 1.5
 """Nats that the share gains away from the stretch that gains most, at the least: of records in
-which one event shakes both axes, three of 700 have them."""
+which one event shakes both axes, five of 700 have them."""
 _MOST = 0.999
 """Largest share of its power that may follow: at 1 the likelihood is singular."""
 _STEP = 0.01

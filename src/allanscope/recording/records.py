@@ -248,9 +248,11 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
     """
     found: list[Message] = []
     position, end = 0, len(data)
-    padded = data + bytes(_MESSAGE_BYTES)  # so that the last record need not be a message
+    whole = end - _HEADER_BYTES - _MESSAGE_BYTES
     while position + _HEADER_BYTES <= end:
-        opcode, length, channel, sequence, epoch_ns, host_ns = _MESSAGE(padded, position)
+        # The last record need not be a message.
+        head = data if position <= whole else data + bytes(_MESSAGE_BYTES)
+        opcode, length, channel, sequence, epoch_ns, host_ns = _MESSAGE(head, position)
         body, position = position + _HEADER_BYTES, position + _HEADER_BYTES + length
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_BYTES:
             if host_ns > _LAST_NS:

@@ -18,23 +18,32 @@ thread, would wait for each other. Here nothing is locked; two threads that ask 
 once both compute the same.
 
 Other people's packages load what they do not use. SciPy takes every name of numpy, and so loads a
-front end for Fortran compilers, a framework for tests, and what those import: half of the time that
-`scipy.special` takes, and memory; for one of its optimisers it loads triangulations and rotations.
+front end for Fortran compilers, a framework for tests, masked arrays, and what those import: half
+of the time that `scipy.special` takes, and memory. Its package of optimisers loads all of them,
+sparse matrices and rotations for the one that is wanted; Rerun loads readers of other files.
 `defer_unused` leaves these unloaded until somebody uses them.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from importlib.abc import Loader
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any, Generic, TypeVar, overload
 
 __all__ = ["defer_unused", "lazily", "once"]
 
-_UNUSED = frozenset({"numpy.f2py", "numpy.testing", "scipy.spatial"})
+_UNUSED = frozenset(
+    {
+        *("numpy.f2py", "numpy.ma", "numpy.testing"),
+        *("rerun.experimental", "rerun.server", "rerun.urdf"),
+        *("scipy.optimize", "scipy.spatial"),
+    }
+)
 
 _Owner = TypeVar("_Owner")
 _Value = TypeVar("_Value")
@@ -113,25 +122,63 @@ class once(Generic[_Owner, _Value]):  # noqa: N801 - reads as `property` does
 
 
 def defer_unused() -> None:
-    """Keep SciPy from loading modules that are never used.
+    """Keep other packages from loading modules that are never used.
 
     For a process of our own: to a program that imports allanscope nothing is done.
     """
     if "scipy" not in sys.modules:
-        sys.meta_path.insert(0, _Deferred())
+        sys.meta_path.insert(0, _Finder())
 
 
-class _Deferred:
-    """Finds modules that load themselves when one of their names is asked for."""
+class _Finder:
+    """Finds modules that load themselves when one of their names is asked for.
+
+    Modules of a package that is found so can be loaded without it.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         if fullname not in _UNUSED:
             return None
-        from importlib.util import LazyLoader
-
         spec = PathFinder.find_spec(fullname, path, target)
         if spec is not None and spec.loader is not None:
-            spec.loader = LazyLoader(spec.loader)
+            spec.loader = _Deferred(spec.loader)
         return spec
+
+
+class _Deferred(Loader):
+    """Loads a module when a name is asked for that it does not have yet.
+
+    `importlib.util.LazyLoader` of Python 3.11 lets a second thread see a module half loaded.
+
+    Parameters
+    ----------
+    loader : Loader
+        Who loads it.
+    """
+
+    def __init__(self, loader: Loader) -> None:
+        self._loader = loader
+        self._loading = threading.RLock()
+        self._begun = False
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        """Return what the loader makes."""
+        return self._loader.create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Do nothing yet."""
+
+        def find(name: str) -> Any:
+            with self._loading:
+                if not self._begun:
+                    self._begun = True
+                    self._loader.exec_module(module)
+            try:
+                return vars(module)[name]
+            except KeyError:
+                text = f"module {module.__name__!r} has no attribute {name!r}"
+                raise AttributeError(text) from None
+
+        vars(module)["__getattr__"] = find

@@ -1,4 +1,8 @@
-"""Optimisers of scipy, loaded when the first of them is needed: that costs 0.15 s and 16 MB."""
+"""Optimisers of scipy, loaded when the first of them is needed: that costs 0.15 s and 16 MB.
+
+Least squares without negative numbers, which every result needs, come from a module of their own:
+in a process of ours it is loaded without the others (`allanscope.lazy.defer_unused`).
+"""
 
 from __future__ import annotations
 
@@ -116,6 +120,9 @@ def least_nonnegative(design: Array, wanted: Array) -> Array:
     >>> least_nonnegative(design, np.array([2.0, 1.0, -1.0])).round(12)
     array([1.5, 0. ])
     """
-    from scipy.optimize import nnls
+    try:
+        from scipy.optimize._nnls import nnls
+    except ImportError:  # it is the package that is promised
+        from scipy.optimize import nnls
 
     return np.asarray(nnls(design, wanted)[0])

@@ -264,13 +264,17 @@ class History:
         self._filled = have % self.stride
 
     def _grow(self, needed: int) -> None:
-        """Make room for all rows there ever are: memory that is not written to takes no place."""
+        """Make room for rows that come."""
         if needed > len(self._sums):
-            for name in _TABLE:
-                old = getattr(self, name)
-                new = np.empty((self.rows, *old.shape[1:]), old.dtype)
-                new[: self._used] = old[: self._used]
-                setattr(self, name, new)
+            self._renew()
+
+    def _renew(self) -> None:
+        """Make room for all rows there ever are: memory that is not written to takes no place."""
+        for name in _TABLE:
+            old = getattr(self, name)
+            new = np.empty((self.rows, *old.shape[1:]), old.dtype)
+            new[: self._used] = old[: self._used]
+            setattr(self, name, new)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs: no rows that are not in use."""
@@ -289,6 +293,7 @@ class History:
             self._next = int(self._position[last])
         table = [getattr(self, name) for name in _TABLE]
         self._used = _halved(*table, self._used, self.axes)
+        self._renew()
         self.stride *= 2
 
 

@@ -18,6 +18,7 @@ The process ends with its pipe, so none is left behind by a program that was kil
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import subprocess
@@ -221,8 +222,11 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[2]))
     defer_unused()
+    gc.disable()  # hundreds of modules are nothing to collect: a tenth of the time
     for name in sys.argv[1].split():
         import_module(name)
+    gc.freeze()
+    gc.enable()
     shared: list[object] = []
     while True:
         try:

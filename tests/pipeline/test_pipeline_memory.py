@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -115,13 +116,24 @@ def test_memory_goes_down_and_the_libraries_go_on_working() -> None:
 def test_of_results_in_quick_succession_ever_fewer_are_followed_by_it(
     pause_s: float, results: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown: list[int] = []
+    shown: list[float] = []
     done: list[int] = []
-    monkeypatch.setattr(refreshing, "REFRESH_S", 0.0)
+    waited_s: list[float] = []
+
+    def trim() -> None:
+        done.append(len(shown))
+        waited_s.append(time.monotonic() - shown[-1])
+
+    monkeypatch.setattr(refreshing, "REFRESH_S", 0.1)
+    monkeypatch.setattr(refreshing, "DRAWN_S", 0.02)
     monkeypatch.setattr(refreshing, "TRIM_S", pause_s)
-    monkeypatch.setattr(refreshing, "trim_memory", lambda: done.append(len(shown)))
-    refresher = refreshing.Refresher(lambda _: shown.append(1), refreshing.RefreshPolicy(1.0, 0.1))
-    while len(shown) < 9:
-        refresher.offer(Analyser())
+    monkeypatch.setattr(refreshing, "trim_memory", trim)
+    refresher = refreshing.Refresher(
+        lambda _: shown.append(time.monotonic()), refreshing.RefreshPolicy(1.0, 0.1)
+    )
+    until_s = time.monotonic() + 20.0
+    while (len(shown) < 9 or len(done) < len(results)) and time.monotonic() < until_s:
+        refresher.offer(Analyser()) if len(shown) < 9 else time.sleep(0.001)
     refresher.close()
     assert done == results
+    assert min(waited_s) >= 0.02, "the result is being drawn meanwhile"

@@ -21,10 +21,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib import import_module
+
+import numpy as np
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, Finding, LiveLoop
+from allanscope.optimise import least_nonnegative
 from allanscope.pipeline.process import forget_transforms, trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
@@ -66,12 +68,10 @@ IN_VIEWER, IN_TERMINAL, UNWATCHED = (
 
 LOW_PRIORITY = 10
 
-_OF_FITS = "scipy.optimize"
-"""What the first fit would have to load."""
-
-TRIM_S = 20.0
+TRIM_S, DRAWN_S = 20.0, 2.0
 """Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result: that takes
-16 ms, and what results leave behind grows to 13 MB in a minute."""
+16 ms, and what results leave behind grows to 13 MB in a minute. A result is drawn first, as long
+as no other one is due: that leaves 20 MB."""
 
 SETTLED_S, BEFORE_S, FEWEST_STRETCH = 60.0, 120.0, 512
 """The rows about an event are searched so long after it was found, from so long before its onset,
@@ -126,10 +126,11 @@ class Refresher:
     def close(self) -> None:
         """Wait for a refresh that is running, and end."""
         self._work.put(None)
+        self._busy.set()
         self._thread.join(timeout=30.0)
 
     def _run(self) -> None:
-        import_module(_OF_FITS)  # while the first samples gather
+        least_nonnegative(np.eye(1), np.ones(1))  # loads it, while the first samples gather
         results, trimmed_s = 0, time.monotonic()
         while (frozen := self._work.get()) is not None:
             began_s, began_cpu_s = time.monotonic(), time.thread_time()
@@ -142,12 +143,14 @@ class Refresher:
             forget_transforms()
             results += 1
             now = time.monotonic()
-            if results.bit_count() == 1 or now - trimmed_s > TRIM_S:  # each may have loaded code
-                trim_memory()
-                trimmed_s = now
             run_s = now - (self._began or now)
             self._next = now + _pause(run_s, spent_s, now - began_s, self._policy)
             self._busy.clear()
+            if results.bit_count() == 1 or now - trimmed_s > TRIM_S:  # each may have loaded code
+                if self._work.empty():
+                    self._busy.wait(DRAWN_S)
+                trim_memory()
+                trimmed_s = time.monotonic()
 
 
 def _pause(run_s: float, spent_s: float, took_s: float, policy: RefreshPolicy) -> float:

@@ -73,8 +73,12 @@ _LATEST_LOAD_S = 10.0
 
 
 def load_rerun() -> None:
-    """Import Rerun, which would log to the terminal if it were not told before."""
+    """Import Rerun, which would log to the terminal if it were not told before.
+
+    Arrow is told to use the memory of all others: a pool of its own keeps what is free.
+    """
     os.environ.setdefault("RUST_LOG", "off")
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     import_module(_DRAWING)
 
 

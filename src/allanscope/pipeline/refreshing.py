@@ -68,7 +68,7 @@ IN_VIEWER, IN_TERMINAL, UNWATCHED = (
 
 LOW_PRIORITY = 10
 
-TRIM_S, DRAWN_S = 20.0, 2.0
+TRIM_S, DRAWN_S = 10.0, 2.0
 """Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result: that takes
 16 ms, and what results leave behind grows to 13 MB in a minute. A result is drawn first, as long
 as no other one is due: that leaves 20 MB."""

@@ -8,6 +8,7 @@ recorded meanwhile, so the time that a replay takes costs no sample.
 
 from __future__ import annotations
 
+import gc
 import math
 import sys
 import threading
@@ -94,6 +95,7 @@ def run_live(
     else:
         load_rerun()  # before the port is opened: a board does not wait
     opened = open_session(port, device, settings, simulated, _policy(settings), past, resume)
+    gc.freeze()  # what is loaded stays; to look for garbage in it would hold up the first result
     try:
         analysis = _run(opened.session, settings, opened.folder, opened.facts, opened.recorder)
         if not analysis.samples:

@@ -60,6 +60,24 @@ assert resident("RssAnon") - heap < 26 << 10, "each of a megabyte that was freed
 """
 
 
+REUSED = """
+import resource
+import numpy as np
+from allanscope.pipeline.process import configure_malloc, reuse_memory
+
+def faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(100):
+        np.ones(1 << 17)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+configure_malloc()
+given_back = faults()
+reuse_memory()
+reused = faults()
+assert given_back > 20_000 and reused < given_back / 20, (given_back, reused)
+"""
+
 TRANSFORMS = """
 import numpy as np
 from scipy.fft import dct, prev_fast_len, rfft
@@ -87,6 +105,11 @@ assert np.array_equal(dct(record[:length]), known)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux shows it")
 def test_the_tables_of_transforms_of_a_growing_record_are_let_go() -> None:
     subprocess.run([sys.executable, "-c", TRANSFORMS], check=True)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux is told")
+def test_the_result_at_the_end_takes_the_memory_it_has_freed() -> None:
+    subprocess.run([sys.executable, "-c", REUSED], check=True)
 
 
 def test_only_libraries_of_which_no_page_was_changed_are_let_go(tmp_path: Path) -> None:

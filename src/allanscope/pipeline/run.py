@@ -44,7 +44,12 @@ from allanscope.pipeline.outputs import (
     session_folder,
     write_json,
 )
-from allanscope.pipeline.process import configure_malloc, stopped_by_signals, usable_processes
+from allanscope.pipeline.process import (
+    configure_malloc,
+    reuse_memory,
+    stopped_by_signals,
+    usable_processes,
+)
 from allanscope.pipeline.refreshing import IN_TERMINAL, IN_VIEWER, UNWATCHED, RefreshPolicy
 from allanscope.pipeline.session import NoticeQueue, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
@@ -453,6 +458,7 @@ def _run(
             ended = "Recording stopped" if whole_s is None else "Replay finished"
             terminal.line(f"{ended}; running the final analysis")
             output.prepare(session.analyser)
+            reuse_memory()
             result = recorded.with_identity(session.result("full", output.workers))
             terminal.snapshot(result)
             output.begin(result)

@@ -15,7 +15,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import rfft
+from scipy.fft import fft, prev_fast_len, rfft
 
 from allanscope.analysis.findings import Finding, line_of
 from allanscope.analysis.line_origin import reduced, without_trend
@@ -118,7 +118,10 @@ def common_of(
     if len(moving) < 2 or n < 8 * _FEWEST_BINS:
         return ()
     with ThreadPoolExecutor(threads) as pool:
-        white, quiet = zip(*pool.map(lambda k: _whitened(values[:, k]), moving), strict=True)
+        window = np.hanning(n)
+        white, quiet = zip(
+            *pool.map(lambda k: _whitened(values[:, k], window), moving), strict=True
+        )
     steps = max(1, int(_PER_OCTAVE * math.log2((n // 2) / _FIRST_BIN)))
     edges = np.unique(np.geomspace(_FIRST_BIN, n // 2, steps + 1).astype(int))
     bands = [(a, b) for a, b in pairwise(edges) if b - a >= _FEWEST_BINS]
@@ -149,9 +152,9 @@ def common_of(
     return tuple(_with_cause(one, findings) for one in _joined(found))
 
 
-def _whitened(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+def _whitened(values: Array, window: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the spectrum of an axis made white, and the bins that are no lines."""
-    spectrum = np.asarray(rfft(without_trend(values) * np.hanning(len(values))), np.complex128)
+    spectrum = _spectrum(without_trend(values) * window)
     power = np.abs(spectrum) ** 2
     steps = max(1, int(_SMOOTHED * math.log2(len(power) / 4)))
     edges = np.unique(np.r_[1, np.geomspace(4, len(power), steps).astype(int)])
@@ -160,6 +163,23 @@ def _whitened(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]
         level[low:high] = max(float(np.median(power[low:high])) / math.log(2), 1e-300)
     white = spectrum / np.sqrt(level)
     return white, np.abs(white) ** 2 < _LOUD
+
+
+def _spectrum(values: Array) -> NDArray[np.complex128]:
+    """Return the Fourier transform of real values from bin 0 to the Nyquist frequency.
+
+    A length with a large prime factor, as most records have, takes a transform of more than twice
+    that length, complex for real values too. Of the even and the odd ones as real and imaginary
+    parts it is half as long.
+    """
+    n = len(values)
+    if n % 2 or n == prev_fast_len(n, real=True):
+        return np.asarray(rfft(values), np.complex128)
+    both = np.asarray(fft(values.view(np.complex128)), np.complex128)
+    both = np.append(both, both[0])
+    mirrored = both[::-1].conj()
+    turn = np.exp(-2j * np.pi / n * np.arange(n // 2 + 1))
+    return np.asarray((both + mirrored - 1j * turn * (both - mirrored)) / 2, np.complex128)
 
 
 def _joined(found: Sequence[CoherentBand]) -> list[CoherentBand]:

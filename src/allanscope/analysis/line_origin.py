@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -359,15 +360,24 @@ def _transform_at(
     True
     """
     m, low, high = x.shape[1], int(bins.min()), int(bins.max())
+    before, apart = _chirps(m, low, high, size)
+    length = apart.shape[-1]
+    spectrum = fft(x * before, length) * apart
+    return np.asarray(_chirp(bins, size) * ifft(spectrum)[:, bins - low + m - 1], np.complex128)
 
-    def chirp(j: NDArray[np.int64]) -> NDArray[np.complex128]:
-        # Small angles are exact.
-        return np.asarray(np.exp(-1j * np.pi / size * (j * j % (2 * size))), np.complex128)
 
-    apart = np.arange(low - m + 1, high + 1)
-    length = next_fast_len(len(apart))
-    spectrum = fft(x * chirp(np.arange(m)), length) * fft(chirp(apart).conj(), length)
-    return np.asarray(chirp(bins) * ifft(spectrum)[:, bins - low + m - 1], np.complex128)
+@lru_cache(maxsize=1)  # a line is looked for at the same bins for one frequency after the other
+def _chirps(
+    m: int, low: int, high: int, size: int
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return what m samples are multiplied by, and the transform that they are convolved with."""
+    apart = _chirp(np.arange(low - m + 1, high + 1), size).conj()
+    return _chirp(np.arange(m), size), np.asarray(fft(apart, next_fast_len(len(apart))))
+
+
+def _chirp(j: NDArray[np.int64], size: int) -> NDArray[np.complex128]:
+    # Small angles are exact.
+    return np.asarray(np.exp(-1j * np.pi / size * (j * j % (2 * size))), np.complex128)
 
 
 def origin_of(

@@ -177,6 +177,14 @@ class Series:
         return {}
 
     @once
+    def acceleration(self) -> float | None:
+        """Size in g of the means of all axes of an accelerometer; None where one is missing."""
+        columns = [self.column(axis) for axis in self.axes if axis.startswith("a")]
+        if len(columns) < 3:
+            return None
+        return float(np.linalg.norm(self.values[:, columns].mean(axis=0)))
+
+    @once
     def repeats(self) -> dict[str, tuple[float, float, float] | None]:
         """What `RepeatedSamples` counted on each axis, whatever else is found there."""
         return {}

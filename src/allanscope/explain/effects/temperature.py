@@ -265,12 +265,8 @@ class Temperature(EffectKind):
 
 def _level(view: View) -> float | None:
     """Return the mean of an axis of an accelerometer that shows gravity; None of any other."""
-    series = view.series
-    columns = [series.column(axis) for axis in series.axes if axis.startswith("a")]
-    if view.unit != "g" or len(columns) < 3:
-        return None
-    size = float(np.linalg.norm(series.values[:, columns].mean(axis=0)))
-    seen = _GRAVITY[0] < size < _GRAVITY[1]
+    size = view.series.acceleration if view.unit == "g" else None
+    seen = size is not None and _GRAVITY[0] < size < _GRAVITY[1]
     return float(view.samples.mean()) if seen else None
 
 

@@ -29,6 +29,7 @@ from long_recording import make
 from allanscope.analysis import Analyser, StreamState, row_buffer, summarise
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.analyse_file import FULL_ROWS, full_settings
+from allanscope.pipeline.process import reuse_memory
 from allanscope.pipeline.replaying import feed_analyser
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Block, StreamInfo
@@ -81,6 +82,7 @@ def stages(path: Path) -> dict[str, float]:
 
 def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
+    reuse_memory()  # as `analyse` does
     row_buffer.BackgroundTask().do(row_buffer.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(full_settings(""))

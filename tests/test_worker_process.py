@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 import os
 import signal
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -17,6 +18,16 @@ from allanscope.worker_process import WorkerError, WorkerProcess
 REFUSING = """
 from allanscope.errors import UsageError
 raise UsageError("no such place; choose another")
+"""
+FREED = """
+import resource
+import numpy as np
+np.ones(5 << 20)  # 40 MB; the first one is taken from the system
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(10):
+    np.ones(5 << 20)
+more = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+assert more < 200, more
 """
 ODD = """
 class Odd(Exception):
@@ -50,6 +61,12 @@ def test_an_error_there_is_raised_here_and_the_next_call_is_answered():
         with pytest.raises(RuntimeError, match="Odd: three"):
             worker.call(exec, ODD)
         assert worker.call(operator.add, 1, 2) == 3
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux is told")
+def test_it_takes_again_the_memory_that_it_has_freed():
+    with WorkerProcess() as worker:
+        worker.call(exec, FREED)
 
 
 def test_a_call_from_another_thread_waits_for_its_turn():

@@ -77,8 +77,9 @@ def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
     if not options.report and (options.title or options.operator or options.full):
         raise UsageError("--title, --operator and --full need --report FILE")
-    from allanscope.pipeline import search_process
+    from allanscope.pipeline import reuse_memory, search_process
 
+    reuse_memory()
     source = Path(options.input)
     with search_process(source) as workers:  # before anything heavy is loaded here
         _require_writable(options.report, options.json, options.table)
@@ -228,8 +229,9 @@ def verify(options: Namespace) -> int:
 
 def report(options: Namespace) -> int:
     """Write one HTML report on a session, or on several compared."""
-    from allanscope.pipeline import report_sessions
+    from allanscope.pipeline import report_sessions, reuse_memory
 
+    reuse_memory()
     paths, figures = [Path(path) for path in options.sessions], options.figures
     page = report_sessions(
         paths,

@@ -35,6 +35,14 @@ from allanscope.lazy import defer_unused
 
 __all__ = ["WorkerError", "WorkerProcess"]
 
+_MEMORY = {
+    "MALLOC_ARENA_MAX": "1",
+    "MALLOC_MMAP_THRESHOLD_": str(1 << 26),
+    "MALLOC_TRIM_THRESHOLD_": str(1 << 27),
+}
+"""It computes with arrays as long as a record, one after the other, and ends: the usual C library
+of Linux is told to keep what was freed for the next one."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -70,7 +78,7 @@ class WorkerProcess:
             # A session of its own: Ctrl-C in the terminal is for us to understand.
             self._process = subprocess.Popen(
                 command,
-                env={**os.environ, **modules},
+                env={**_MEMORY, **os.environ, **modules},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._stderr,

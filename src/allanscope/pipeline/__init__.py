@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         write_table,
     )
     from allanscope.pipeline.process import (
+        reuse_memory,
         search_process,
         stopped_by_signals,
     )
@@ -121,6 +122,7 @@ __all__ = [
     "read_limits",
     "recorded_settings",
     "report_sessions",
+    "reuse_memory",
     "run_emulated_device",
     "run_live",
     "run_replay",
@@ -171,6 +173,7 @@ __getattr__, __dir__ = lazily(
         "run_live": "run",
         "run_replay": "run",
         "run_virtual_device": "simulate",
+        "reuse_memory": "process",
         "search_process": "process",
         "simulate_recording": "simulate",
         "stopped_by_signals": "process",

@@ -8,9 +8,10 @@ libraries that are used to load them and hardly ever again. They are unchanged p
 nothing is lost when they are released; the few that are still needed come back by themselves. Only
 Linux with its usual C library is told anything.
 
-The result at the end makes and drops arrays as long as the record thousands of times. Each that is
-given back must be cleared page by page by the kernel when it is taken again: that was two fifths of
-its processor time. `reuse_memory` keeps what is freed, for a process that soon ends.
+A result makes and drops arrays as long as the record thousands of times. Each that is given back is
+cleared page by page by the kernel when it is taken again: two fifths of the processor time at the
+end of a live run. `reuse_memory` keeps what is freed in one heap, for a process that soon ends;
+that holds less, too, than a heap for every thread.
 
 SciPy keeps the tables of the last sixteen lengths that it transformed, of each kind of transform:
 15 bytes a row. A record has another length at every result, and sixteen of the longest were 50 MB.
@@ -57,9 +58,8 @@ LONG = 1 << 20
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX, _DONTNEED = -1, -3, -8, 4
 _LARGE_BYTES = 1 << 18
 _HEAPS = 2
-_REUSED_BYTES, _KEPT_BYTES = 1 << 25, 1 << 26
-"""The largest block that is kept for the next one of its size, and what is kept of free ones: the
-most that the C library comes to by itself."""
+_REUSED_BYTES, _KEPT_BYTES = 1 << 26, 1 << 27
+"""The largest block that is kept for the next one of its size, and what is kept of free ones."""
 _SHORTEST, _KEPT_TRANSFORMS = 8, 16
 """Length of the shortest of them, and how many lengths SciPy keeps."""
 
@@ -98,10 +98,11 @@ def configure_malloc() -> None:
 
 
 def reuse_memory() -> None:
-    """Keep freed blocks of up to 32 MiB for the next ones, as the C library does unless told."""
+    """Keep freed blocks of up to 64 MiB for the next ones, in one heap for all threads."""
     if (libc := _glibc()) is not None:
         libc.mallopt(_MMAP_THRESHOLD, _REUSED_BYTES)
         libc.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+        libc.mallopt(_ARENA_MAX, 1)
 
 
 def trim_memory() -> None:

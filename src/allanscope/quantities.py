@@ -46,6 +46,7 @@ __all__ = [
     "interval",
     "limit",
     "measured",
+    "moment",
     "number",
     "power_of_ten",
     "rate",
@@ -355,6 +356,16 @@ def duration(seconds: float) -> str:
         if len(parts) == 2:
             break
     return " ".join(part for part in parts if part)
+
+
+def moment(seconds: float, length: float) -> str:
+    """Return a time in a record, in as many decimals as a stretch of that length deserves.
+
+    >>> moment(0.0006, 0.306), moment(187.005, 6.41), moment(4500.4, 600.0)
+    ('0.00 s', '187.0 s', '4500 s')
+    """
+    decimals = math.ceil(1 - math.log10(length)) if length > 0 else 0
+    return f"{seconds:.{min(max(decimals, 0), 6)}f} s"
 
 
 def rough(seconds: float) -> str:

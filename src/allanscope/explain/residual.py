@@ -70,6 +70,8 @@ _CLASSES = 64
 _MISSHAPEN, _COUNTED, _TWICE = 0.35, 32, 2.0
 """Logarithm of measured over model in the median band, of those with so many ordinates, from which
 a process has not the form of the spectrum; standard errors that are taken off it."""
+_ENDS = 16
+"""Rows at each end of the record in which whitening leaves the end of a strong tone."""
 _NOTHING = 1.0
 """Nats below which there is no excess to be shared out."""
 
@@ -121,14 +123,15 @@ def band_scores(view: View) -> Bands:
 
 def excess_kurtosis(view: View) -> tuple[float, float]:
     """Kurtosis of the innovations beyond a Gaussian's, and its standard error."""
-    squares = view.innovations**2
+    squares = view.innovations[_ENDS:-_ENDS] ** 2
     variance = float(np.mean(squares))
     return float(np.mean(squares**2) / variance**2 - 3.0), float(np.sqrt(24 / len(squares)))
 
 
 def excess_skewness(view: View) -> tuple[float, float]:
     """Skewness of the innovations, 0 for a Gaussian, and its standard error."""
-    white = view.innovations - view.innovations.mean()
+    white = view.innovations[_ENDS:-_ENDS]
+    white = white - white.mean()
     skewness = float(np.mean(white * white**2)) / float(np.mean(white**2)) ** 1.5
     return skewness, float(np.sqrt(6 / len(white)))
 

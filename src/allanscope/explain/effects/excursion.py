@@ -24,6 +24,7 @@ from allanscope.explain.spectrum import StepScan, ends_of, local_power_ratio
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
+from allanscope.quantities import moment
 
 Array = NDArray[np.float64]
 Span = tuple[float, float]
@@ -69,9 +70,10 @@ class Excursion(PlacedSignal):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
+        length = self.duration.value
         return (
-            f"the level shifts by {self.size.text} at {self.time.value:.0f} s"
-            f" and returns after {self.duration.value:.0f} s"
+            f"the level shifts by {self.size.text} at {moment(self.time.value, length)}"
+            f" and returns after {moment(length, length)}"
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:
@@ -101,6 +103,16 @@ class Excursion(PlacedSignal):
     def refine(self, view: View) -> Candidate | None:
         """Estimate instant, duration and size again."""
         return self._near(view, *self._rows(view))
+
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Refuse a second box from the same instant, left of a disturbance that is no box.
+
+        The second of two that are there gains more than the first, which leaves the noise high.
+        """
+        del view
+        box = other.effect
+        same = isinstance(box, Excursion) and abs(self.time.value - box.time.value) < NEAR_S
+        return "left of an excursion" if same and other.gain < known.gain else ""
 
     def is_resolved(self, view: View) -> bool:
         """Return whether it was measured: what bridges a long gap may be off, all of it alike."""

@@ -53,11 +53,16 @@ _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.4
 """Share of the spectrum beyond which what is cut out has no end."""
+_LOWEST = 8
+"""Ordinate below which a range begins at the lowest frequency of the record."""
+_PIECES = 16
+"""Parts of the spectrum whose medians are its level where the model misses it, each the widest that
+a tone may be there."""
 _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _OF_THE_MEDIAN = 1.06
 """Standard deviation of the median of chi-squares with one degree of freedom, times sqrt(n)."""
-_CHANGES = "a tone between {} Hz changes in frequency or amplitude"
+_CHANGES = "a tone {} Hz changes in frequency or amplitude"
 DEGREE = 7
 """Of the polynomial that stands for a drift without a form: its ordinates lie below the eighth."""
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -164,10 +169,16 @@ def _known(view: View) -> list[tuple[Candidate, Unexplained]]:
     return [(c, c.effect) for c in view.accepted if isinstance(c.effect, Unexplained)]
 
 
-def _range(low: float, high: float) -> str:
+def _range(view: View, low: float, high: float) -> str:
+    """Return where a range is: two frequencies, or the upper one where it begins at the lowest."""
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    return f"below {high:.3g}" if low < _LOWEST * unit else f"between {_both(low, high)}"
+
+
+def _both(low: float, high: float) -> str:
     """Return two frequencies in as many digits as their distance deserves, three at least.
 
-    >>> _range(0.00093528, 3.9403), _range(49.97712, 49.99903)
+    >>> _both(0.00093528, 3.9403), _both(49.97712, 49.99903)
     ('0.000935 and 3.94', '49.977 and 49.999')
     """
     digits = 3
@@ -219,7 +230,8 @@ def tone_left_over(
     """Return the range that a tone or band covers which is not what its name would say.
 
     None where it has no end: what covers most of the spectrum is no tone, but a model of the rest
-    that does not fit, and with all of it cut out there would be nothing left to fit.
+    that does not fit, and with all of it cut out there would be nothing left to fit. What is loud
+    against the spectrum around it is a tone all the same, and ends where that begins.
     """
     unit = view.grid.rate_hz / (2 * view.grid.n)
     reach = max(width, 8 * unit)
@@ -231,14 +243,29 @@ def tone_left_over(
         if (low, high) == before:
             break
         if high - low > _MOST * view.grid.rate_hz / 2:
-            return None
+            return _tone_above_its_surroundings(view, candidate, (f0 - reach, f0 + reach))
         cut = view.without_range(low, high)
+    return band_left_over(view, candidate, (low, high))
+
+
+def _tone_above_its_surroundings(
+    view: View, candidate: Candidate, band: tuple[float, float]
+) -> Candidate | None:
+    """Return the range of a tone in a spectrum that the model misses; None where it has no end."""
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    u = view.squares / view.spectrum.ordinates
+    u /= np.concatenate([np.full(len(p), np.median(p)) for p in np.array_split(u, _PIECES)])
+    u *= CHI_SQUARE_MEDIAN
+    low, high = _extent(u, *band, unit)
+    inside = slice(max(0, round(low / unit) - 1), round(high / unit))
+    if high - low > len(u) / _PIECES * unit or u[inside].mean() < _LOUD:
+        return None
     return band_left_over(view, candidate, (low, high))
 
 
 def band_left_over(view: View, candidate: Candidate, band: tuple[float, float]) -> Candidate:
     """Return a range that a tone or band covers which is not what its name would say."""
-    words, searched = _CHANGES.format(_range(*band)), candidate.log_alternatives
+    words, searched = _CHANGES.format(_range(view, *band)), candidate.log_alternatives
     return left_over(view, band, candidate.gain, words, searched)
 
 
@@ -266,7 +293,7 @@ def tone_without_name(
     known = 2 * TWO_SIDED_95 * error < 1
     size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * TWO_SIDED_95 * error))
     words = (
-        f"power between {_range(profile.low, profile.high)} Hz changes in frequency or "
+        f"power {_range(view, profile.low, profile.high)} Hz changes in frequency or "
         f"amplitude; its rms is {'' if known else 'below '}{measured(size, unit=view.unit)}"
     )
     words += _when(view, profile.low, profile.high)
@@ -284,7 +311,7 @@ def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Can
     low, high = min(p[0] for p in parts), max(p[1] for p in parts)
     gain = sum(line.gain for line, _ in lines)
     searched = sum(line.log_alternatives for line, _ in lines)
-    words = _CHANGES.format(_range(low, high))
+    words = _CHANGES.format(_range(view, low, high))
     return left_over(view, (low, high), gain, words, searched, parts)
 
 
@@ -336,7 +363,7 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         rest = view.without(near)
         gain = near.gain + candidate.gain
         searched = near.log_alternatives + candidate.log_alternatives
-        words = _CHANGES.format(_range(low, high))
+        words = _CHANGES.format(_range(view, low, high))
         union = left_over(rest, (low, high), gain, words, searched)
         if rest.leaves_too_little(union):
             break

@@ -16,7 +16,7 @@ the band at least, and last until an end of the record.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -31,7 +31,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.noise_level_border import instant_of, rows_of_border
 from allanscope.explain.series import in_time
 from allanscope.explain.view import View
-from allanscope.quantities import measured
+from allanscope.quantities import measured, moment
 
 Array = NDArray[np.float64]
 _Found = tuple[float, int, int, float]
@@ -53,8 +53,9 @@ a quarter of the band has changed with it."""
 _RUNS = 10
 """Runs of neighbouring quarters."""
 _AT_THE_END, _LASTING = 2, 1 / 16
-"""Blocks before an end of the record from which a stretch lasts until it, and the share of the
-record from which it is more than what filters do at the ends."""
+"""Blocks from an end of the record from which a stretch lasts until it, and within which it is what
+whitening leaves of a strong tone there, or a jump that took its time; and the share of the record
+from which it is more than what filters do at the ends."""
 _LONGEST = 0.5
 """Longest stretch as a share of the record: beyond, the rest is the one that changed."""
 _REACH = 22.0
@@ -107,8 +108,10 @@ class VarianceChange(EffectKind):
         noise = "white noise"
         if self.band is not None:
             noise = f"noise between {self.band[0]:.3g} and {self.band[1]:.3g} Hz"
+        length = self.stop.value - self.start.value
+        start, stop = (moment(border.value, length) for border in (self.start, self.stop))
         words = (
-            f"between {self.start.value:.0f} s and {self.stop.value:.0f} s the {noise} is "
+            f"between {start} and {stop} the {noise} is "
             f"{self.ratio.value:.3g} times that of the rest ({stretch} rms, {rest})"
         )
         return words if self.band is None else f"{words}, as after a change of a filter"
@@ -167,7 +170,28 @@ def _powers(view: View, rows: Array, size: int) -> tuple[Array, list[_Found]]:
     # Equal values by chance are no silence: what was rounded may have moved by a step.
     rounding = view.step**2 / 12 / float(np.median(view.spectrum.ordinates))
     power = np.maximum(power, min(rounding, 1.0) * np.median(power))
-    return power, _intervals(power, _freedom(power, size))
+    found = _intervals(power, _freedom(power, size))
+    edges = [0.0, float(blocks), *(edge / size for edge in _edges(view))]
+    return power, [one for one in found if not _is_of_an_edge(one, edges)]
+
+
+def _edges(view: View) -> Iterator[float]:
+    """Generate the rows at which a level that was accepted jumps."""
+    for effect in (
+        c.effect for c in view.accepted if c.effect.is_piecewise and c.effect.located_by
+    ):
+        begin = float(getattr(effect, effect.located_by).value)
+        duration = getattr(effect, "duration", None)
+        yield begin * view.grid.rate_hz
+        if duration is not None:
+            yield (begin + duration.value) * view.grid.rate_hz
+
+
+def _is_of_an_edge(found: _Found, edges: Iterable[float]) -> bool:
+    """Return whether a short interval is what an end of the record, or a jump, leaves there."""
+    _, first, last, _ = found
+    reach = _AT_THE_END
+    return any(first >= edge - reach and last <= edge + reach for edge in edges)
 
 
 def _until_an_end(found: _Found, blocks: int) -> bool:

@@ -312,6 +312,11 @@ def test_what_has_no_name_is_said_in_its_own_words(words, said):
     assert finding_sentence(found, ("gx", "gy")) == f"{said} on gx"
 
 
+def test_outliers_are_counted_in_whole_numbers():
+    (found,) = findings_of({"ax": [effect("outliers", count=(3.0, 0.0, ""))]})
+    assert finding_phrase(found) == "isolated outliers (3)"
+
+
 def test_a_share_of_an_axis_of_the_same_sensor_is_a_percentage():
     leak = effect("cross_coupling", source="az", slope=(-0.108, 0.01, "g/g"))
     (found,) = findings_of({"ax": [leak]})

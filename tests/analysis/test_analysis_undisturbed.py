@@ -13,7 +13,7 @@ from rich.console import Console
 from allanscope.analysis import Undisturbed
 from allanscope.analysis.findings import event_times
 from allanscope.analysis.undisturbed import longest_stretch, undisturbed
-from allanscope.explain import Parameter, explain
+from allanscope.explain import Effect, Parameter, explain
 from allanscope.history import Record
 from allanscope.report import render
 from allanscope.view import summary_lines
@@ -123,3 +123,18 @@ def test_what_the_search_found_at_a_time_disturbs_as_well() -> None:
     times = [found for effect in effects if (found := event_times(effect))]
     assert times == [(20.0, 25.0), (60.0,), (70.0, 80.0)]
     assert longest_stretch([], 100.0, [(one[0], one[-1]) for one in times]) == (25.0, 60.0)
+
+
+def test_noise_below_half_a_step_has_no_quiet_part() -> None:
+    """Where the level lies in its code makes the noise; 12 stood beside 45 ug/sqrt(Hz)."""
+    one = record(slice(0, 2000))
+    loop = explain(one)
+    axis = one.axes[0]
+    coarse = Effect("quantization", {})
+    searched = replace(loop.axes[axis], effects=(*loop.axes[axis].effects, coarse))
+    found = undisturbed([event("variance_change", 0.0, 20.0, 3.0)], one, None, loop)
+    assert found is not None
+    assert axis in found.axes
+    loop = replace(loop, axes={**loop.axes, axis: searched})
+    found = undisturbed([event("variance_change", 0.0, 20.0, 3.0)], one, None, loop)
+    assert found is None or axis not in found.axes

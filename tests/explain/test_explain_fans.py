@@ -10,9 +10,11 @@ import pytest
 from allanscope.explain import explain
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.amplitude_coupling import _gains
 from allanscope.explain.effects.excursion import Excursion
 from allanscope.explain.effects.unexplained import _range
 from allanscope.explain.effects.variance_change import VarianceChange
+from allanscope.history import Record
 
 RATE, N = 52.0, 4e-3
 
@@ -85,3 +87,30 @@ def test_times_are_told_in_the_digits_of_what_they_bound():
     assert "between 0.00 s and 0.31 s" in change.words
     box = Excursion(seconds[2], seconds[3], Estimate(-4.3e-3, unit="g"))
     assert "at 187.0 s and returns after 6.4 s" in box.words
+
+
+def test_a_low_pass_of_rows_that_were_resampled_is_one():
+    """Interpolated from 187.4 to 200 Hz the noise above the cutoff comes and goes every 15 s."""
+    rate, n = 200.0, 72_000
+    t = np.arange(n) / rate
+    spectrum = np.fft.rfft(np.random.default_rng(77).normal(0, 4e-3 * rate**0.5, n))
+    f = np.fft.rfftfreq(n, 1 / rate)
+    slow = np.fft.irfft(spectrum * (1 + (f / 35) ** 2.4) ** -0.5 / (1 + (f / 50) ** 8) ** 0.5, n)
+    fast = np.fft.irfft(spectrum * (1 + (f / 35) ** 2.4) ** -0.5, n) - slow
+    values = (slow + fast * np.sqrt(1 + 0.75 * np.sin(2 * np.pi * t / 14.9)))[:, np.newaxis]
+    found = explain(
+        Record(
+            rate_hz=rate, stride=1, axes=("gx",), values=values, lsb=(0.0,),
+            temperature_c=np.full(n, np.nan), start_s=t, segments=np.array([[0, n]]),
+        )
+    ).axes["gx"]  # fmt: skip
+    (low_pass,) = (e for e in found.effects if e.kind == "band_limit")
+    assert low_pass.parameters["cutoff"].value == pytest.approx(35.0, rel=0.15)
+    assert found.coefficients_after["N"].value == pytest.approx(4e-3, rel=0.03)
+    assert found.after.chi2_per_dof < 3
+
+
+def test_silent_blocks_follow_no_other_axis_and_warn_of_nothing():
+    quiet = np.r_[np.zeros(20), np.ones(20)]
+    gains = _gains(quiet, 50.0, quiet + 0.5, 0.3)
+    assert np.all(np.isfinite(gains))

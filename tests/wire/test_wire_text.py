@@ -614,6 +614,23 @@ def test_a_table_of_euroc_is_read_with_its_nanoseconds() -> None:
 
 
 @pytest.mark.parametrize(
+    ("first", "step", "head"),
+    [
+        (672_705_976_809_250, 2_000_000, "timestamp_ns,ax,ay,az\n"),
+        (672_705_976_809_250, 2_000_000, "t,ax,ay,az\n"),  # since a phone was switched on
+        (1_714_000_000_123, 2, "t,ax,ay,az\n"),  # ms since 1970
+    ],
+)
+def test_whole_numbers_later_than_any_time_in_seconds_are_times(first, step, head) -> None:
+    """They were no rows of a table, and no format fitted the file."""
+    events = _decode(head + "".join(f"{first + step * i},0,0,{i}e-3\n" for i in range(60)))
+    (block,) = (event for event in events if isinstance(event, Block))
+    steps = np.diff(block.ticks.device_s)
+    assert len(steps) == 59
+    assert steps == pytest.approx(np.full(59, steps[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize(
     "stamp",
     [
         lambda i: f"23:59:{59 + 0.02 * i:05.2f}" if i < 50 else f"00:00:{0.02 * i - 1:05.2f}",

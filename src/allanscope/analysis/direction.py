@@ -267,7 +267,8 @@ def _motion(
             continue
         at = [axes.index(name) for name in names]
         limits[sensor] = _SEEN * float(np.max(error[at]))
-        if float(np.sum(np.abs(vector[at]) ** 2 / np.maximum(error[at], 1e-300) ** 2)) > _SEEN**2:
+        # Values of one code have no error: their square must not be 0.
+        if float(np.sum((np.abs(vector[at]) / np.maximum(error[at], 1e-150)) ** 2)) > _SEEN**2:
             known[sensor] = _direction(sensor, vector[at], error[at])
     if not known:
         return None

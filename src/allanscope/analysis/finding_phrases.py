@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from allanscope.analysis.findings import UNEXPLAINED, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.labels import kind_name
-from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
+from allanscope.quantities import DEVIATION, LEVEL, count, duration, measured, number, symbols
 
 if TYPE_CHECKING:
     from allanscope.explain import EffectKind
@@ -198,6 +198,8 @@ def _size(parameter: Parameter) -> float:
 def _plain(name: str, parameter: Parameter) -> str:
     """Return one number as people say it: in two digits."""
     value = float(parameter.value)
+    if name == "count":
+        return count(round(value))
     if name in _SHARES or parameter.unit in _SAME:
         return f"{number(100.0 * value, 2)} %"
     if parameter.unit == "s":

@@ -128,5 +128,8 @@ def undisturbed(
         if axis not in fits:
             with suppress(ValueError):  # constant, or in pieces too short
                 fits[axis] = fit_noise(inside, axis, part=part)
-    found = {axis: published_coefficients(axis, fits, searched) for axis in fits}
+    # Noise below half a step is what the distance of the level from the end of its code makes it.
+    coarse = {a for a, o in searched.items() if any(e.kind == "quantization" for e in o.effects)}
+    told = [axis for axis in fits if axis not in coarse]
+    found = {axis: published_coefficients(axis, fits, searched) for axis in told}
     return Undisturbed(begin_s, end_s, found) if found else None

@@ -194,7 +194,7 @@ class AmplitudeCoupling(EffectKind):
         for fold in (0, 1):
             train = stretch % 2 == fold
             share = _fit(power[train], q[train], q.mean())
-            scaled = _scaled(power, q, share, q.mean())
+            scaled = power / _following(q, share, q.mean())
             level, other = np.mean(power[train]), np.mean(scaled[train])
             ratio = (power / level)[~train], (scaled / other)[~train]
             change = np.log((power / scaled)[~train] * other / level)
@@ -257,9 +257,9 @@ def _spread(q: Array, size: int) -> float:
     return float(q.var()) / mean**2 - 2 / size if mean > 0 else 0.0
 
 
-def _scaled(power: Array, q: Array, share: float, mean: float) -> Array:
-    """Return the power of the blocks with what follows the source divided out."""
-    return np.asarray(power / (1 + share * (q / mean - 1)))
+def _following(q: Array, share: float, mean: float) -> Array:
+    """Return by which factor the power of blocks is other than its mean as it follows a source."""
+    return np.asarray(1 + share * (q / mean - 1))
 
 
 def _freedom(power: Array, size: int, q: Array, share: float) -> float:
@@ -267,7 +267,7 @@ def _freedom(power: Array, size: int, q: Array, share: float) -> float:
 
     Neighbours tell them, once what follows the source is divided out: it scatters as well.
     """
-    even = _scaled(power, q, share, float(q.mean()))
+    even = power / _following(q, share, float(q.mean()))
     scatter = float(np.mean(np.diff(even / even.mean()) ** 2)) / 2
     return float(np.clip(2 / scatter, 1.0, size))
 
@@ -276,9 +276,10 @@ def _gains(
     power: Array, freedom: float, q: Array, share: float, mean: float | None = None
 ) -> Array:
     """Return what every block gains by a share; the level is that of all."""
-    scaled = _scaled(power, q, share, float(q.mean()) if mean is None else mean)
+    factor = _following(q, share, float(q.mean()) if mean is None else mean)
+    scaled = power / factor
     level, other = power.mean(), scaled.mean()
-    change = np.log(power / scaled * other / level)
+    change = np.log(factor * other / level)
     return np.asarray(freedom / 2 * (power / level - scaled / other - change))
 
 

@@ -49,6 +49,9 @@ _UNKNOWN = 10.0
 """Standard error of ln cutoff beyond which nothing is known."""
 _BURSTS = 1e-3
 """Sigma of unsteadiness a nat of the gain, where one is some ten nats: about a hundredth."""
+_FOLLOWED, _FITS_Z = 1e-2, 4.0
+"""The same where no band is off the response by so many standard errors: rows that were resampled
+have noise at the top of the band that comes and goes, and a mean that the filter describes."""
 _COUNTED = 1e-4
 """The same of an average over rows, which are counted."""
 _ORDERS = (1.0, 12.0)
@@ -172,12 +175,14 @@ class BandLimit(EffectKind):
         """Return whether it removes its part of the residual and is there all along.
 
         What comes and goes more than a filter may is what a tone in it bends; bursts beside the
-        tone do so too, but by little against what the filter gains.
+        tone do so too, but by little against what the filter gains, and a tone has another form.
         """
-        most = max(2 * UNSTEADY, _BURSTS * candidate.gain)
-        if removes(view, candidate) and bartlett_z_of(view, candidate) <= most:
-            return candidate
-        return None
+        if not removes(view, candidate):
+            return None
+        follows = float(np.abs(band_scores(view.with_parts(*candidate.parts)).z).max()) < _FITS_Z
+        share = _FOLLOWED if follows else _BURSTS
+        most = max(2 * UNSTEADY, share * candidate.gain)
+        return candidate if bartlett_z_of(view, candidate) <= most else None
 
 
 def low_pass_instead(view: View, process: Candidate) -> Candidate | None:

@@ -22,6 +22,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import View
 from allanscope.median import median
+from allanscope.quantities import counted
 
 Array = NDArray[np.float64]
 
@@ -61,10 +62,9 @@ class Outliers(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return (
-            f"{self.count.value:.0f} isolated outliers, up to {self.largest_deviations:.1f} "
-            "standard deviations from the mean"
-        )
+        how_many = counted(round(self.count.value), "isolated outlier")
+        most = f"{self.largest_deviations:.1f} standard deviations from the mean"
+        return f"{how_many}, up to {most}"
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

@@ -32,7 +32,9 @@ TableRow = tuple[tuple[float, ...], float, float]
 _SEPARATORS = (b"\t", b";", b",", b"|")
 _LATEST_S = 1e12
 _EXACT, _LONGEST_NUMBER = 2.0**53, 1e21
-"""Whole numbers between these, nanoseconds since 1970 for instance, lose digits as float64."""
+"""Whole numbers between these, nanoseconds since 1970 for instance, lose digits as float64. They
+are counted from the first, as are those that are later in s than any time: nanoseconds since a
+phone was switched on, milliseconds since 1970."""
 _WARMTH = (-60.0, 150.0)
 _WRITTEN_TIME = re.compile(
     r"(?:(\d{4})-(\d\d)-(\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d{1,12})?)"
@@ -234,14 +236,16 @@ class Table:
     def _time_of(self, value: float, cells: list[bytes]) -> float:
         if self._clock is not None:
             return value
-        if self._origin or (self.rows == 0 and _EXACT < abs(value) < _LONGEST_NUMBER):
+        divisor = DIVISORS["time"].get(self._time_unit, 1.0)
+        most = min(_EXACT, _LATEST_S * divisor)
+        if self._origin or (self.rows == 0 and most < abs(value) < _LONGEST_NUMBER):
             value = self._from_origin(value, cells)
         back = self._last_time - value
         if back > 2**31 and self._last_time < 2**32 and self._time_unit != "s":
             self._wrapped += 2.0**32  # a 32-bit counter of the device has wrapped
         if not math.isnan(value):
             self._last_time = value
-        return (value + self._wrapped) / DIVISORS["time"].get(self._time_unit, 1.0)
+        return (value + self._wrapped) / divisor
 
     def _from_origin(self, value: float, cells: list[bytes]) -> float:
         """Return a long whole number less the first of its kind, to the last digit."""

@@ -20,7 +20,6 @@ configuration, a recording too short for it) is analysed in one pass by whoever 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
@@ -34,15 +33,15 @@ from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.part_sums import NullSum, PartSums, TailBuffer
 from allanscope.fleet.worker_tasks import (
-    PIECE_BYTES,
     analyse_recording,
     failure,
     new_analyser,
     outcome_of,
+    recorded_events,
 )
 from allanscope.pipeline import Decoding, DeviceSettings, recorded_settings
 from allanscope.recording import Fingerprint, Recording
-from allanscope.samples import Event, StreamInfo
+from allanscope.samples import StreamInfo
 from allanscope.spectrum import SpectrumBank
 
 if TYPE_CHECKING:
@@ -134,7 +133,7 @@ def sum_part(
     decoding: Decoding = pickle.loads(cut.decoding)
     part = PartSums(cut.anchor, cut.taken, cut.recent)
     recording = Recording(item.open_path()).part(number, parts)
-    for event in _events(recording, decoding, cut.after, last=number == parts - 1):
+    for event in recorded_events(recording, decoding, cut.after, last=number == parts - 1):
         part.feed(event)
     part.finish(last=number == parts - 1)
     return part
@@ -176,7 +175,7 @@ def _first_pass(item: RecordingInput, device: DeviceSettings, parts: int) -> Fir
         cuts.append(_split_point(analyser, decoding, after))
         part = recording.part(number, parts)
         last = number == parts - 1
-        for event in _events(part, decoding, after, last=last, fingerprint=fingerprint):
+        for event in recorded_events(part, decoding, after, last=last, fingerprint=fingerprint):
             analyser.feed(event)
             if isinstance(event, StreamInfo):
                 _disable_sums(analyser)
@@ -187,23 +186,6 @@ def _first_pass(item: RecordingInput, device: DeviceSettings, parts: int) -> Fir
     if not _is_splittable(analyser):
         return FirstPass(item)
     return found
-
-
-def _events(
-    recording: Recording,
-    decoding: Decoding,
-    after: int,
-    *,
-    last: bool,
-    fingerprint: Fingerprint | None = None,
-) -> Iterator[Event]:
-    """Yield the events of one part, and behind the last what the end completes."""
-    for buffer in recording.buffers(PIECE_BYTES, after):
-        if fingerprint is not None:
-            fingerprint.add(buffer)
-        yield from decoding.feed_buffer(buffer)
-    if last:
-        yield from decoding.finish()
 
 
 def _disable_sums(analyser: Analyser) -> None:

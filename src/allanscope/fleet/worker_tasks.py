@@ -23,9 +23,11 @@ from allanscope.pipeline import (
     full_settings,
     import_capture,
     is_table_file,
+    joined,
     recorded_settings,
 )
 from allanscope.recording import Fingerprint, Recording, is_recording
+from allanscope.samples import Event
 
 __all__ = [
     "PIECE_BYTES",
@@ -34,10 +36,13 @@ __all__ = [
     "fingerprint_recording",
     "new_analyser",
     "outcome_of",
+    "recorded_events",
 ]
 
 PIECE_BYTES = 1 << 18
 """Read at a time: so much is summed up in one thread, and other workers have the other cores."""
+JOINED_ROWS = 1 << 13
+"""Rows up to which contiguous Blocks are joined: as many as an analyser sums up at a time."""
 
 
 def analyse_recording(item: RecordingInput, device: DeviceSettings) -> Outcome:
@@ -48,15 +53,42 @@ def analyse_recording(item: RecordingInput, device: DeviceSettings) -> Outcome:
             decoding = Decoding(settings.for_wire(), settings.wire)
             analyser = new_analyser(settings)
             fingerprint = Fingerprint()
-            for buffer in recording.buffers(PIECE_BYTES):
-                fingerprint.add(buffer)
-                for event in decoding.feed_buffer(buffer):
-                    analyser.feed(event)
-            for event in decoding.finish():
+            for event in recorded_events(recording, decoding, fingerprint=fingerprint):
                 analyser.feed(event)
             return outcome_of(item, recording, fingerprint.hexdigest(), analyser, decoding)
     except Exception as error:
         return failure(item, error)
+
+
+def recorded_events(
+    recording: Recording,
+    decoding: Decoding,
+    after: int = 0,
+    *,
+    last: bool = True,
+    fingerprint: Fingerprint | None = None,
+) -> Iterator[Event]:
+    """Return the events of a recording or a part of one, contiguous Blocks joined.
+
+    Parameters
+    ----------
+    after : int
+        Number that the first read should have: of a part, that behind the last of the part before.
+    last : bool
+        Whether it is the last part, behind which comes what the end completes.
+    fingerprint : Fingerprint, optional
+        Takes every piece that is read.
+    """
+
+    def events() -> Iterator[Event]:
+        for buffer in recording.buffers(PIECE_BYTES, after):
+            if fingerprint is not None:
+                fingerprint.add(buffer)
+            yield from decoding.feed_buffer(buffer)
+        if last:
+            yield from decoding.finish()
+
+    return joined(events(), JOINED_ROWS)
 
 
 @contextmanager

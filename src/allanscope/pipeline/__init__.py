@@ -67,6 +67,7 @@ if TYPE_CHECKING:
         search_process,
         stopped_by_signals,
     )
+    from allanscope.pipeline.replaying import joined
     from allanscope.pipeline.run import (
         run_live,
         run_replay,
@@ -115,6 +116,7 @@ __all__ = [
     "full_settings",
     "import_capture",
     "is_table_file",
+    "joined",
     "live",
     "machine_checks",
     "open_charts",
@@ -164,6 +166,7 @@ __getattr__, __dir__ = lazily(
         "full_settings": "analyse_file",
         "import_capture": "import_export",
         "is_table_file": "table_files",
+        "joined": "replaying",
         "open_charts": "outputs",
         "open_stream": "stream",
         "read_limits": "check",

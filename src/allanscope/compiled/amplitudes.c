@@ -19,8 +19,8 @@ static void triangulate(
         for (int64_t i = 0; i < j; i++) before += triangle[i * p + j] * triangle[i * p + j];
         double rest = dot(unit, unit, n);
         if (rest <= DEPENDENT * DEPENDENT * (before + rest)) continue;
-        double length = triangle[j * p + j] = sqrt(rest);
-        for (int64_t b = 0; b < n; b++) unit[b] /= length;
+        double length = triangle[j * p + j] = sqrt(rest), inverse = 1.0 / length;
+        for (int64_t b = 0; b < n; b++) unit[b] *= inverse;
         for (int64_t k = j + 1; k <= p; k++) {
             double *other = k < p ? columns + k * n : target, along = dot(unit, other, n);
             if (k < p)
@@ -117,10 +117,19 @@ KERNEL(void, triangulate)
 }
 
 typedef struct {
-    const double *columns, *power, *count, *fixed;
+    const double *columns, *power, *count, *fixed, *root; /* of half the count */
     double smallest;
     int64_t p, bins;
 } problem;
+
+/* Up to four values from `at` on; `rest` where there are no more. */
+static inline __attribute__((always_inline)) lanes some_of(
+    const double *values, int64_t at, int64_t n, double rest) {
+    if (at + LANES <= n) return *(const lanes *)(values + at);
+    lanes found = {rest, rest, rest, rest};
+    for (int64_t b = at; b < n; b++) found[b - at] = values[b];
+    return found;
+}
 
 /* Fill in the variances and return the log-likelihood. */
 static double log_likelihood(const problem *of, const double *theta, double *restrict variance) {
@@ -129,12 +138,27 @@ static double log_likelihood(const problem *of, const double *theta, double *res
         if (theta[j] != 0.0)
             for (int64_t b = 0; b < of->bins; b++)
                 variance[b] += theta[j] * of->columns[j * of->bins + b];
-    double total = 0.0;
-    for (int64_t b = 0; b < of->bins; b++) {
+    for (int64_t b = 0; b < of->bins; b++)
         if (variance[b] < of->smallest) variance[b] = of->smallest;
-        total += of->count[b] * (log(variance[b]) + of->power[b] / variance[b]);
+    lanes total = {0.0};
+    for (int64_t b = 0; b < of->bins; b += LANES) {
+        lanes own = some_of(variance, b, of->bins, 1.0), count = some_of(of->count, b, of->bins, 0.0);
+        total += count * (log_of(own) + some_of(of->power, b, of->bins, 0.0) / own);
     }
-    return -0.5 * total;
+    return -0.5 * sum_of(total);
+}
+
+/* The slope of the log-likelihood along a step. */
+static double slope_along(const problem *of, const double *variance, const double *step) {
+    lanes total = {0.0};
+    for (int64_t b = 0; b < of->bins; b += LANES) {
+        lanes own = some_of(variance, b, of->bins, 1.0), count = some_of(of->count, b, of->bins, 0.0);
+        lanes change = {0.0};
+        for (int64_t j = 0; j < of->p; j++)
+            change += step[j] * some_of(of->columns + j * of->bins, b, of->bins, 0.0);
+        total += count * (some_of(of->power, b, of->bins, 0.0) / own - 1.0) * (change / own);
+    }
+    return 0.5 * sum_of(total);
 }
 
 /* Non-negative variances nearest to power - fixed, weighted by `variance`. */
@@ -146,7 +170,7 @@ static void least_squares(
     double *deeper = right + p;
     for (int64_t b = 0; b < bins; b++) {
         double own = variance[b] < floor_at ? floor_at : variance[b];
-        weight[b] = sqrt(of->count[b] / 2) / own;
+        weight[b] = of->root[b] / own;
         target[b] = (of->power[b] - of->fixed[b]) * weight[b];
     }
     for (int64_t j = 0; j < p; j++) {
@@ -156,7 +180,8 @@ static void least_squares(
         size[j] = 1.0;
         if (length > 0.0) {
             size[j] = length;
-            for (int64_t b = 0; b < bins; b++) one[b] /= length;
+            double inverse = 1.0 / length;
+            for (int64_t b = 0; b < bins; b++) one[b] *= inverse;
         }
     }
     triangulate(scaled, target, p, bins, triangle, right);
@@ -165,12 +190,13 @@ static void least_squares(
 }
 
 /* Fisher scoring from `theta`, or from least squares where that is not known. `theta` and `variance`
-   receive the result; `room` has bins (p + 3) + 3 p (p + 6) values. Returns the log-likelihood. */
+   receive the result; `room` has bins (p + 4) + 3 p (p + 6) values. Returns the log-likelihood. */
 KERNEL(double, maximise)
 (const double *columns, const double *power, const double *count, const double *fixed, int64_t p,
  int64_t bins, double smallest, int64_t known, double *theta, double *variance, double *room) {
-    problem of = {columns, power, count, fixed, smallest, p, bins};
-    double *tried = room, *step = tried + bins, *trial = step + p, *deeper = trial + p;
+    double *root = room, *tried = root + bins, *step = tried + bins, *trial = step + p, *deeper = trial + p;
+    problem of = {columns, power, count, fixed, root, smallest, p, bins};
+    for (int64_t b = 0; b < bins; b++) root[b] = sqrt(count[b] / 2);
     if (!known) least_squares(&of, power, 1e-300, deeper, theta);
     double value = log_likelihood(&of, theta, variance);
     for (int i = 0; i < SCORING_STEPS; i++) {
@@ -180,6 +206,7 @@ KERNEL(double, maximise)
             step[j] -= theta[j];
             trial[j] = theta[j] + step[j];
         }
+        if (slope_along(&of, variance, step) <= GAIN) break; /* a step gains less than at its beginning */
         gained = log_likelihood(&of, trial, tried);
         while (gained < value && size > SHORTEST_STEP) {
             size /= 2;

@@ -49,6 +49,24 @@ static inline double dot(const double *a, const double *b, int64_t n) {
     return total;
 }
 
+/* Four bits of doubles. */
+typedef uint64_t lanes_bits __attribute__((vector_size(32), aligned(8), may_alias));
+
+/* Natural logarithms to 1 ulp, of normal positive numbers: fdlibm's, without a branch. A number is
+   2^k m with m from sqrt(1/2) to sqrt(2), and ln m = f - f^2/2 + s (f^2/2 + R), s = f / (2 + f). */
+static inline lanes log_of(lanes x) {
+    const uint64_t root = 0x3fe6a09e00000000u, one = 0x3ff0000000000000u;
+    lanes_bits shifted = (lanes_bits)x + (one - root);
+    lanes k = (lanes)((shifted >> 52) | 0x4330000000000000u) - (4503599627370496.0 + 1023.0);
+    lanes f = (lanes)((shifted & 0x000fffffffffffffu) + root) - 1.0;
+    lanes s = f / (2.0 + f), z = s * s, w = z * z, half = 0.5 * f * f;
+    lanes even = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01));
+    lanes odd = z * (6.666666666666735130e-01
+                     + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01)));
+    lanes low = s * (half + (even + odd)) + k * 1.90821492927058770002e-10;
+    return k * 6.93147180369123816490e-01 - ((half - low) - f);
+}
+
 static inline int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 
 static inline double larger(double a, double b) { return b > a ? b : a; }

@@ -69,6 +69,6 @@ def maximise(
         np.ascontiguousarray(count, np.float64),
         np.ascontiguousarray(fixed, np.float64),
         *(p, bins, smallest, known, theta, expected),
-        np.empty(bins * (p + 3) + 3 * p * (p + 6)),
+        np.empty(bins * (p + 4) + 3 * p * (p + 6)),
     )
     return theta, float(loglik), expected

@@ -25,6 +25,7 @@ is enough.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,19 +151,13 @@ def _spectrum(model: NoiseModel, w: Array) -> Array:
 
 
 def _spectral(model: NoiseModel, family: Family, m: Array, n: int) -> Array:
-    low = 0.02 / m[-1]
-    w = np.geomspace(low, np.pi, int(_PER_DECADE * np.log10(np.pi / low)))
-    weight = np.log(w[1] / w[0]) * w / np.pi
-    weight[[0, -1]] /= 2
+    w, weight, passed, unresolved = _passed(family, tuple(m.tolist()))
     power = 2 * family.order
-    resolved = m[:, np.newaxis] * w < _RESOLVED
-    sine = np.where(resolved, np.sin(m[:, np.newaxis] * w / 2) ** power, _mean_sine(power))
-    passed = family.transfer(w, m[:, np.newaxis]) ** 2 * sine
-    spectrum = _spectrum(model, w)
-    covariance = (passed * (weight * spectrum**2)) @ passed.T
+    weighted = weight * _spectrum(model, w) ** 2
+    covariance = (passed * weighted) @ passed.T
     # A squared mean is not the mean of the square: the diagonal needs its own.
     excess = _mean_sine(2 * power) / _mean_sine(power) ** 2 - 1
-    tail = np.sum(np.where(resolved, 0.0, passed**2 * weight * spectrum**2), axis=1)
+    tail = unresolved @ weighted
     covariance[np.diag_indices_from(covariance)] += excess * tail
     for frequency, power_of_line in (line for part in model for line in part.lines):
         at = np.asarray(2 * np.pi * frequency * model.dt)
@@ -171,25 +166,59 @@ def _spectral(model: NoiseModel, family: Family, m: Array, n: int) -> Array:
     return np.asarray(2 * family.norm**2 / n * covariance)
 
 
+@lru_cache(maxsize=2)  # all axes of a record, and the models before and after, have the same taus
+def _passed(family: Family, factors: tuple[float, ...]) -> tuple[Array, Array, Array, Array]:
+    """Return frequencies, their weights, what each tau passes of the power, and its square.
+
+    The square is 0 where the sine is resolved.
+    """
+    m = np.array(factors)[:, np.newaxis]
+    low = 0.02 / factors[-1]
+    w = np.geomspace(low, np.pi, int(_PER_DECADE * np.log10(np.pi / low)))
+    weight = np.log(w[1] / w[0]) * w / np.pi
+    weight[[0, -1]] /= 2
+    power = 2 * family.order
+    resolved = m * w < _RESOLVED
+    sine = np.where(resolved, np.sin(m * w / 2) ** power, _mean_sine(power))
+    passed = family.transfer(w, m) ** 2 * sine
+    return w, weight, passed, np.where(resolved, 0.0, passed**2)
+
+
 def _by_lags(model: NoiseModel, family: Family, m: Array, n: int) -> Array:
+    w, both, pairs, step = _lag_tables(family, tuple(m.tolist()), n)
+    covariance = step * np.sum(pairs * (irfft(_spectrum(model, w) * both) / step) ** 2, axis=-1)
+    whole = np.empty((len(m), len(m)))
+    i, j = np.triu_indices(len(m))
+    whole[i, j] = whole[j, i] = covariance
+    return 2 * family.norm**2 * whole
+
+
+@lru_cache(maxsize=2)  # likewise; some three megabytes
+def _lag_tables(
+    family: Family, factors: tuple[float, ...], n: int
+) -> tuple[Array, Array, Array, float]:
+    """Return frequencies, and for each pair of taus what both pass and the share of each lag.
+
+    Returns
+    -------
+    w, both, share, step
+        Frequencies, shape (f,); products of the transfer functions, shape (pairs, f); pairs of
+        terms at each lag over all pairs of terms, shape (pairs, 2 f - 2), lag 0 first; the step
+        of the lags.
+    """
+    m = np.array(factors)
     step = max(1.0, m[0] / _STEPS)
     size = 1 << int(np.ceil(np.log2(4 * n / step)))
     w = np.linspace(0.0, np.pi / step, size // 2 + 1)
     w[0] = 1e-3 * w[1]
     sines = family.transfer(w, m[:, np.newaxis]) * np.sin(m[:, np.newaxis] * w / 2) ** family.order
-    spectrum = _spectrum(model, w)
-    lag = step * np.arange(-(size // 2), size // 2)
-    terms = family.terms(m, n)
-    centre = family.span * m / 2
-    covariance = np.empty((len(m), len(m)))
-    for i in range(len(m)):
-        for j in range(i, len(m)):
-            c = np.fft.fftshift(irfft(spectrum * sines[i] * sines[j])) / step
-            offset = lag + centre[i] - centre[j]
-            pairs = np.minimum(terms[i], terms[j] - offset) - np.maximum(0.0, -offset)
-            total = step * float(np.sum(np.maximum(0.0, pairs) * c**2))
-            covariance[i, j] = covariance[j, i] = total / (terms[i] * terms[j])
-    return 2 * family.norm**2 * covariance
+    lag = step * np.fft.fftfreq(size, 1 / size)
+    terms, centre = family.terms(m, n), family.span * m / 2
+    i, j = np.triu_indices(len(m))
+    offset = lag + (centre[i] - centre[j])[:, np.newaxis]
+    most = np.minimum(terms[i][:, np.newaxis], terms[j][:, np.newaxis] - offset)
+    pairs = np.maximum(0.0, most - np.maximum(0.0, -offset))
+    return w, sines[i] * sines[j], pairs / (terms[i] * terms[j])[:, np.newaxis], step
 
 
 def _mean_sine(power: int) -> float:

@@ -145,8 +145,9 @@ def joint_fit(
     power = view.power.copy()
     binned = _low_bins(view.grid, kept)
     powers, loglik = null.powers, np.inf
-    for _ in range(rounds):
-        weighted = columns * (kept / fitter.first(powers, m))
+    for turn in range(rounds):
+        known = turn == 0 and m <= view.grid.low
+        weighted = columns * (view.weights[:m] if known else kept / fitter.first(powers, m))
         covariance = _inverse(weighted @ columns.T)
         amplitude = covariance @ (weighted @ d)
         means = binned((d - amplitude @ columns) ** 2)

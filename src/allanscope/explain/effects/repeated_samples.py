@@ -174,6 +174,9 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] |
     if fit is None:
         return _among_small(view.samples, samples, lags)
     zeros, expected, sigma2 = fit
+    variance = expected + expected**2 * sigma2
+    if zeros <= expected:  # far rows can only add to what is expected
+        return 0.0, 0.0, float(np.sqrt(variance))
     far = [_zeros(np.round((samples[lag:] - samples[:-lag]) / view.step), reach) for lag in lags]
     known = [one for one in far if one is not None]
     typical, limit = typical_and_limit(
@@ -182,7 +185,6 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] |
     )
     n = len(codes)
     excess = zeros - expected * max(1.0, typical)
-    variance = expected + expected**2 * sigma2
     z = max(0.0, zeros - expected * max(1.0, limit)) / np.sqrt(variance)
     fraction = max(0.0, excess / n)
     factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))

@@ -245,7 +245,9 @@ class _Bank:
         self.rows = sliding_window_view(source.white.astype(np.float32), self.size)
         self.windows = len(source.white) / self.size
         self.places = self.rows[:: self.hop]
-        power = self.power(self.places[:: max(1, len(self.places) // _POINTS)])
+        apart = max(1, len(self.places) // _POINTS)
+        power = self.power(self.places[::apart])
+        self._known = power if apart == 1 else None  # of all places
         mean = _medians(power) / np.log(2)
         even = median_filter(mean, _SMOOTH, mode="nearest")
         inner = np.maximum(even[_SWINGS:-_TOP], 1e-30)
@@ -267,7 +269,9 @@ class _Bank:
         mean = self.mean[_SWINGS:-_TOP]
         best, loudness = np.empty(len(places)), np.empty(len(places) if with_loudness else 0)
         for k in range(0, len(places), at_once):
-            relative = self.power(places[k : k + at_once])[:, _SWINGS:-_TOP] / mean
+            some = slice(k, k + at_once)
+            power = self.power(places[some]) if self._known is None else self._known[some]
+            relative = power[:, _SWINGS:-_TOP] / mean
             best[k : k + at_once] = relative.max(axis=1)
             if with_loudness:
                 loudness[k : k + at_once] = _loudness(relative)

@@ -165,7 +165,7 @@ def add_beside(
 
 _MOST = 6
 """Most effects of a bundle."""
-_HOPELESS, _NEARLY = 12.0, 8.0
+_HOPELESS, _NEARLY = 9.0, 8.0
 """Nats that may be missing for a bundle to be continued, and to be fitted in earnest. Of 44 that
 passed none missed more than 7.1 on its way; in noise alone each member adds another 8."""
 _PROMISING = 5.0

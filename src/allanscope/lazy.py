@@ -41,7 +41,7 @@ _UNUSED = frozenset(
     {
         *("numpy.f2py", "numpy.ma", "numpy.testing"),
         *("rerun.experimental", "rerun.server", "rerun.urdf"),
-        *("scipy.optimize", "scipy.spatial"),
+        "scipy.optimize",
     }
 )
 

@@ -36,6 +36,13 @@ def test_scipy_does_not_load_what_nobody_uses_and_it_works_when_somebody_does() 
     assert ran.stdout.splitlines() == [str([False] * 6), "numpy.f2py True", "False True", "True"]
 
 
+def test_a_module_of_a_package_is_loaded_before_the_package() -> None:
+    modules = ("scipy.spatial.distance", "scipy.optimize._minimize", "numpy.ma.core", "scipy.stats")
+    for module in modules:
+        script = f"from allanscope.lazy import defer_unused\ndefer_unused()\nimport {module}"
+        subprocess.run([sys.executable, "-c", script], check=True)
+
+
 def test_two_threads_that_ask_for_a_deferred_module_at_once_both_see_it_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

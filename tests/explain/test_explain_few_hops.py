@@ -9,6 +9,7 @@ import pytest
 
 import allanscope
 from allanscope.explain import explain
+from allanscope.explain.effects import random_telegraph
 
 SIGMA = 4e-3 * 52.0**0.5
 MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
@@ -43,6 +44,15 @@ def test_hops_all_along_are_a_telegraph_signal(bench, seed):
     b = bench(seed, 600.0)
     at_s = np.sort(b.rng.uniform(0, 600, 24))
     assert kinds(b, hops(b, at_s, 3 * SIGMA)) == ["random_telegraph"]
+
+
+@pytest.mark.parametrize("seed", [551, 552])
+def test_hops_are_found_where_the_spectrum_shows_no_correlated_noise(bench, seed, monkeypatch):
+    # Loud slow hops in a short record have the spectrum of a random walk.
+    monkeypatch.setattr(random_telegraph, "_twin", lambda view: None)
+    b = bench(seed, 60.0)
+    at_s = np.sort(b.rng.uniform(0, 60, 20))
+    assert kinds(b, hops(b, at_s, 13 * SIGMA)) == ["random_telegraph"]
 
 
 @pytest.mark.parametrize("seed", [549, 550])

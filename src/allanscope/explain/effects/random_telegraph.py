@@ -112,29 +112,29 @@ class RandomTelegraph(EffectKind):
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Start from the Gauss-Markov process of the same spectrum."""
         found = _twin(view)
-        if found is None:
-            return
-        process, twin = found
-        seen = process.excess >= 0
-        if seen:
+        seen = found is not None and found[0].excess >= 0
+        if found is not None and seen:
+            twin = found[1]
             candidates = [_candidate(view, twin.sigma.value, 2 * twin.correlation_time.value)]
-        else:  # a few slow hops are a random walk to any spectrum
-            moved = _moved(view)
+        elif (moved := _moved(view)) > 0:  # a few slow hops are a random walk to any spectrum
             candidates = [_candidate(view, moved, view.series.duration_s / k) for k in (15, 45)]
-            candidates = candidates if moved > 0 else []
+        else:
+            return
         best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
-        if best is not None:
-            best = _with_spectrum(view, best, twin) if seen else best
-            yield replace(best, rivals={GaussMarkov.kind: process.gain})
+        if best is None:
+            return
+        if found is not None:
+            best = replace(best, rivals={GaussMarkov.kind: found[0].gain})
+            best = _with_spectrum(view, best, found[1]) if seen else best
+        yield best
 
     def refine(self, view: View) -> Candidate | None:
         """Find the path again."""
         again = _candidate(view, self.path_amplitude, self.dwell.value)
         found = _twin(view)
-        if again is None or found is None:
-            return None
-        process, twin = found
-        return _with_spectrum(view, again, twin) if process.excess >= 0 else again
+        if again is None or found is None or found[0].excess < 0:
+            return again
+        return _with_spectrum(view, again, found[1])
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Refuse hops between neighbouring values every few rows: they are the converter's codes.

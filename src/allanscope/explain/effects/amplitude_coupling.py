@@ -194,11 +194,7 @@ class AmplitudeCoupling(EffectKind):
         for fold in (0, 1):
             train = stretch % 2 == fold
             share = _fit(power[train], q[train], q.mean())
-            scaled = power / _following(q, share, q.mean())
-            level, other = np.mean(power[train]), np.mean(scaled[train])
-            ratio = (power / level)[~train], (scaled / other)[~train]
-            change = np.log((power / scaled)[~train] * other / level)
-            gained[~train] = freedom / 2 * (ratio[0] - ratio[1] - change)
+            gained[~train] = _gains(power, freedom, q, share, q.mean(), train)[~train]
         return HeldOut(
             nats=float(gained.sum()),
             error=float(np.sqrt(2 * max(candidate.gain, 0.0))),
@@ -273,12 +269,17 @@ def _freedom(power: Array, size: int, q: Array, share: float) -> float:
 
 
 def _gains(
-    power: Array, freedom: float, q: Array, share: float, mean: float | None = None
+    power: Array,
+    freedom: float,
+    q: Array,
+    share: float,
+    mean: float | None = None,
+    known: NDArray[np.bool_] | slice = slice(None),
 ) -> Array:
-    """Return what every block gains by a share; the level is that of all."""
+    """Return what every block gains by a share; the level is that of the known ones, or of all."""
     factor = _following(q, share, float(q.mean()) if mean is None else mean)
     scaled = power / factor
-    level, other = power.mean(), scaled.mean()
+    level, other = power[known].mean(), scaled[known].mean()
     change = np.log(factor * other / level)
     return np.asarray(freedom / 2 * (power / level - scaled / other - change))
 

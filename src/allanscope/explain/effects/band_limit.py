@@ -179,10 +179,13 @@ class BandLimit(EffectKind):
         """
         if not removes(view, candidate):
             return None
-        follows = float(np.abs(band_scores(view.with_parts(*candidate.parts)).z).max()) < _FITS_Z
-        share = _FOLLOWED if follows else _BURSTS
-        most = max(2 * UNSTEADY, share * candidate.gain)
-        return candidate if bartlett_z_of(view, candidate) <= most else None
+        unsteady = bartlett_z_of(view, candidate)
+        if unsteady <= max(2 * UNSTEADY, _BURSTS * candidate.gain):
+            return candidate
+        if unsteady > _FOLLOWED * candidate.gain:
+            return None
+        off = np.abs(band_scores(view.with_parts(*candidate.parts)).z)
+        return candidate if float(off.max()) < _FITS_Z else None
 
 
 def low_pass_instead(view: View, process: Candidate) -> Candidate | None:

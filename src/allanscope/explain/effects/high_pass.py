@@ -171,17 +171,18 @@ def _fitted(view: View, corners: list[float], lowest: float, *, begins: bool) ->
     if found.value >= 1e12:
         return None
     high_pass = at(found.x)
-    noise = (with_start(high_pass).spectrum if begins else view.spectrum_with(high_pass)).model
+    begun = with_start(high_pass) if begins else None
+    noise = (begun.spectrum if begun is not None else view.spectrum_with(high_pass)).model
     slow = noise.value("B") ** 2 / (2 * np.pi * high_pass.corner)
     slow += (noise.value("K") / (2 * np.pi * high_pass.corner)) ** 2
     if noise.value("N") ** 2 < slow:
         return None
     corner = _interval(lost, found.x, found.value)
     gain, signal = -found.value - view.spectrum.loglik, None
-    if begins:
+    if begun is not None:
         gain -= max(joint_fit(view, column(high_pass)).gain, 0.0)
         t = np.arange(view.grid.n) / view.grid.rate_hz
-        signal = with_start(high_pass).amplitude[0] * np.exp(-2 * np.pi * high_pass.corner * t)
+        signal = begun.amplitude[0] * np.exp(-2 * np.pi * high_pass.corner * t)
     effect = HighPass(corner, high_pass.slope)
     return Candidate(effect, gain, float(np.log(_TRIED)), signal=signal, parts=(high_pass,))
 

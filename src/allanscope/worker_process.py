@@ -33,12 +33,14 @@ from typing import Any, BinaryIO, ParamSpec, Self, TypeVar
 
 from allanscope.lazy import defer_unused
 
-__all__ = ["WorkerError", "WorkerProcess"]
+__all__ = ["KEPT_BYTES", "REUSED_BYTES", "WorkerError", "WorkerProcess"]
 
+REUSED_BYTES, KEPT_BYTES = 1 << 26, 1 << 27
+"""The largest block that is kept for the next one of its size, and what is kept of free ones."""
 _MEMORY = {
     "MALLOC_ARENA_MAX": "1",
-    "MALLOC_MMAP_THRESHOLD_": str(1 << 26),
-    "MALLOC_TRIM_THRESHOLD_": str(1 << 27),
+    "MALLOC_MMAP_THRESHOLD_": str(REUSED_BYTES),
+    "MALLOC_TRIM_THRESHOLD_": str(KEPT_BYTES),
 }
 """It computes with arrays as long as a record, one after the other, and ends: the usual C library
 of Linux is told to keep what was freed for the next one."""

@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from allanscope.worker_process import WorkerProcess
+from allanscope.worker_process import KEPT_BYTES, REUSED_BYTES, WorkerProcess
 
 __all__ = [
     "configure_malloc",
@@ -58,8 +58,6 @@ LONG = 1 << 20
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX, _DONTNEED = -1, -3, -8, 4
 _LARGE_BYTES = 1 << 18
 _HEAPS = 2
-_REUSED_BYTES, _KEPT_BYTES = 1 << 26, 1 << 27
-"""The largest block that is kept for the next one of its size, and what is kept of free ones."""
 _SHORTEST, _KEPT_TRANSFORMS = 8, 16
 """Length of the shortest of them, and how many lengths SciPy keeps."""
 
@@ -100,8 +98,8 @@ def configure_malloc() -> None:
 def reuse_memory() -> None:
     """Keep freed blocks of up to 64 MiB for the next ones, in one heap for all threads."""
     if (libc := _glibc()) is not None:
-        libc.mallopt(_MMAP_THRESHOLD, _REUSED_BYTES)
-        libc.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+        libc.mallopt(_MMAP_THRESHOLD, REUSED_BYTES)
+        libc.mallopt(_TRIM_THRESHOLD, KEPT_BYTES)
         libc.mallopt(_ARENA_MAX, 1)
 
 

@@ -112,9 +112,8 @@ class RandomTelegraph(EffectKind):
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Start from the Gauss-Markov process of the same spectrum."""
         found = _twin(view)
-        seen = found is not None and found[0].excess >= 0
-        if found is not None and seen:
-            twin = found[1]
+        twin = found[1] if found is not None and found[0].excess >= 0 else None
+        if twin is not None:
             candidates = [_candidate(view, twin.sigma.value, 2 * twin.correlation_time.value)]
         elif (moved := _moved(view)) > 0:  # a few slow hops are a random walk to any spectrum
             candidates = [_candidate(view, moved, view.series.duration_s / k) for k in (15, 45)]
@@ -123,9 +122,10 @@ class RandomTelegraph(EffectKind):
         best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
         if best is None:
             return
+        if twin is not None:
+            best = _with_spectrum(view, best, twin)
         if found is not None:
             best = replace(best, rivals={GaussMarkov.kind: found[0].gain})
-            best = _with_spectrum(view, best, found[1]) if seen else best
         yield best
 
     def refine(self, view: View) -> Candidate | None:

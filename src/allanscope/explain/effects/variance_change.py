@@ -190,8 +190,7 @@ def _edges(view: View) -> Iterator[float]:
 def _is_of_an_edge(found: _Found, edges: Iterable[float]) -> bool:
     """Return whether a short interval is what an end of the record, or a jump, leaves there."""
     _, first, last, _ = found
-    reach = _AT_THE_END
-    return any(first >= edge - reach and last <= edge + reach for edge in edges)
+    return any(edge - _AT_THE_END <= first and last <= edge + _AT_THE_END for edge in edges)
 
 
 def _until_an_end(found: _Found, blocks: int) -> bool:

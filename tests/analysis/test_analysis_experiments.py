@@ -107,10 +107,10 @@ def test_a_measurement_that_decides_more_comes_first():
     )
     first, *rest = measurements(next_experiments(analysis))
     assert "second board" in first.action
-    assert len(first.decided) == 2
     assert rest
-    text = verdict(analysis).lines[2].text
-    assert "decide whether the step on gy, seen once, is external and 1 more: record" in text
+    question = "whether the step on gy and 1 other finding, seen once, are external"
+    assert [one.question for one in first.decided] == [question]
+    assert f"decide {question}: record" in verdict(analysis).lines[2].text
 
 
 def test_the_direction_of_a_coupling_is_settled_by_a_turn_of_the_board():

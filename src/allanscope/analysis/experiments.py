@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis.line_families import fold
 from allanscope.labels import kind_name
-from allanscope.quantities import COEFFICIENTS, LETTERS, duration, measured, number, rough, symbols
+from allanscope.quantities import (
+    COEFFICIENTS,
+    LETTERS,
+    counted,
+    duration,
+    measured,
+    number,
+    rough,
+    symbols,
+)
 from allanscope.samples import unit_of
 
 if TYPE_CHECKING:
@@ -190,8 +199,10 @@ def next_experiments(analysis: Analysis) -> tuple[Experiment, ...]:
     and a coupling without a direction.
     """
     found = [one for finding in analysis.findings for one in _of_finding(finding, analysis)]
+    once = [finding for finding in analysis.findings if _is_open(finding, analysis)]
     noise = [_of_coefficient(letter, analysis) for letter in LETTERS]
-    return tuple(sorted([*found, *filter(None, noise)], key=_worth, reverse=True))
+    known = [*found, _beside(once, analysis), *noise]
+    return tuple(sorted(filter(None, known), key=_worth, reverse=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,9 +289,8 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
     effect, where = lead.effect, _named(finding.axes, analysis)
     if effect.traits.is_coupling and finding.leak is None and len(finding.members) > 1:
         return [_turned(effect, lead.axis, analysis)]
-    gain = effect.evidence.get("gain_nats") or 0.0
-    is_once = effect.evidence.get("replicated") == "not replicated"
-    if not gain > 0 or not (effect.equivalent or is_once):
+    gain = _gain(effect)
+    if not gain > 0 or not (effect.equivalent or _is_once(effect)):
         return []
     names = [kind_name(one) for one in (effect.kind, *effect.equivalent)]
     question = f"between {' and '.join(names)} on {where}"
@@ -290,7 +300,15 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
         return [_warmed(question, effect, gain, analysis.duration_s)]
     if effect.equivalent:
         return [_longer(question, effect, gain, analysis.duration_s)]
-    return [_beside(question, gain, analysis.duration_s)] if effect.traits.motion else []
+    return []
+
+
+def _gain(effect: Effect) -> float:
+    return effect.evidence.get("gain_nats") or 0.0
+
+
+def _is_once(effect: Effect) -> bool:
+    return effect.evidence.get("replicated") == "not replicated"
 
 
 def _named(names: Iterable[str], analysis: Analysis) -> str:
@@ -298,14 +316,27 @@ def _named(names: Iterable[str], analysis: Analysis) -> str:
     return "all axes" if len(names) == len(analysis.axes) > 1 else " ".join(names)
 
 
-def _beside(question: str, gain: float, length_s: float) -> Experiment:
+def _is_open(finding: Finding, analysis: Analysis) -> bool:
+    """Return whether it happened once and may be motion, and nothing else would decide it."""
+    effect = finding.members[0].effect
+    may_be_motion = bool(effect.traits.motion) and _is_once(effect) and _gain(effect) > 0
+    return may_be_motion and not _of_finding(finding, analysis)
+
+
+def _beside(once: Sequence[Finding], analysis: Analysis) -> Experiment | None:
     """Return what a second board tells: it sees at the same moment what comes from outside."""
+    if not once:
+        return None
+    effect = once[0].members[0].effect
+    named = f"the {kind_name(effect.kind)} on {_named(once[0].axes, analysis)}"
+    others = len(once) - 1
+    more = f" and {counted(others, 'other finding')}" if others else ""
     return Experiment(
-        question,
-        f"record together with a second board for {duration(length_s)}",
+        f"whether {named}{more}, seen once, {'are' if others else 'is'} external",
+        f"record together with a second board for {duration(analysis.duration_s)}",
         "on both boards at once if external, on one if internal",
-        length_s,
-        gain,
+        analysis.duration_s,
+        max(_gain(one.members[0].effect) for one in once),
     )
 
 

@@ -154,6 +154,13 @@ def test_quality_tells_rate_losses_link_and_temperature(analysis):
     assert "3 checksum errors" in known["link"]
 
 
+@pytest.mark.parametrize(("lost", "told"), [(0, "1 min 40 s"), (1_000, "1 min 40 s within 2 min")])
+def test_where_much_is_lost_the_time_within_which_it_was_recorded_is_told(analysis, lost, told):
+    rate = replace(analysis.rate, nominal_hz=50.0, measured_hz=None)
+    record = replace(analysis, rate=rate, duration_s=100.0, lost_samples=lost)
+    assert facts(axis_text.quality(record))["duration"] == told
+
+
 def test_a_rate_within_its_uncertainty_is_not_off_and_a_file_of_arrays_has_no_link(analysis):
     known = replace(analysis.rate, nominal_hz=100.0, measured_hz=100.0 + 1e-12, uncertainty_ppm=1.1)
     found = facts(

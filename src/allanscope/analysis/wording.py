@@ -36,6 +36,7 @@ __all__ = [
     "losses_text",
     "parameter_text",
     "rate_text",
+    "recorded_text",
     "shares_text",
     "simulation_notice",
     "wait_text",
@@ -46,6 +47,8 @@ _EXACT_S = 1e-6
 """No clock stamps arrivals better."""
 _SURE = 3.0
 """A drift of fewer standard deviations is not told."""
+_TOLD_LOSS = 0.01
+"""Part of the recorded time that is missing and told with it."""
 
 
 def coefficient_unit(axis_unit: str, name: str) -> str:
@@ -229,6 +232,23 @@ def losses_text(analysis: Analysis) -> str:
 def losses_phrase(analysis: Analysis) -> str:
     """Return the losses, as printed beside the number of samples."""
     return f"lost samples: {losses_text(analysis)}"
+
+
+def recorded_text(analysis: Analysis, recorded_s: float | None = None) -> str:
+    """Return how long a record is, and within what time where a hundredth and more of it is lost.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        What was recorded.
+    recorded_s : float, optional
+        Time of all the samples that came (s), where some came after the result.
+    """
+    kept_s = analysis.duration_s if recorded_s is None else recorded_s
+    rate_hz = analysis.rate.best_hz
+    lost_s = analysis.lost_samples / rate_hz if rate_hz else 0.0
+    within = f" within {duration(kept_s + lost_s)}" if lost_s > _TOLD_LOSS * kept_s else ""
+    return f"{duration(kept_s)}{within}"
 
 
 def gaps_text(segments: int) -> str:

@@ -18,6 +18,7 @@ from allanscope.analysis import (
     gaps_text,
     losses_text,
     parameter_text,
+    recorded_text,
     shares_text,
     was_searched,
 )
@@ -172,7 +173,7 @@ def subtitle(analysis: Analysis, operator: str) -> str:
         serial and f"serial number {serial}",
         full_scales and f"full scale {full_scales}",
         _rate_of(known),
-        duration(analysis.duration_s),
+        recorded_text(analysis),
         counted(axes, "axis", "axes"),
         _started(analysis.input.get("started", "")),
         operator and f"measured by {operator}",
@@ -364,7 +365,7 @@ def quality(analysis: Analysis) -> list[Fact]:
                 rate_text += f", {number(100 * away)} % off"
     link = analysis.link
     facts = [
-        Fact("duration", duration(analysis.duration_s)),
+        Fact("duration", recorded_text(analysis)),
         Fact("samples", f"{count(analysis.samples)} per axis, {gaps_text(analysis.segments)}"),
         Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),

@@ -22,6 +22,7 @@ from allanscope.analysis import (
     losses_text,
     measurements,
     rate_text,
+    recorded_text,
     shares_text,
     verdict,
     wait_text,
@@ -183,7 +184,7 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
     rows = [
         ("device", markdown(one_line(analysis.input.get("name", "")))),
         ("part", markdown(one_line(analysis.part or "unknown"))),
-        ("duration", duration(analysis.duration_s)),
+        ("duration", recorded_text(analysis)),
         ("samples", f"{count(analysis.samples)}, {gaps_text(analysis.segments)}"),
         ("lost samples", losses_text(analysis)),
         ("rate", f"{rate_text(analysis.rate)} (nominal {analysis.rate.nominal_hz:g} Hz)"),

@@ -39,6 +39,7 @@ from allanscope.analysis import (
     density_verdict,
     losses_phrase,
     rate_text,
+    recorded_text,
     simulation_notice,
     verdict,
     was_searched,
@@ -53,7 +54,6 @@ from allanscope.quantities import (
     SENSOR_NAMES,
     count,
     counted,
-    duration,
     number,
     symbols,
 )
@@ -301,9 +301,8 @@ class Screen:
         line.add_column(no_wrap=True, justify="right")
         device = Text("allanscope  ", style="bold")
         device.append("  ".join(one_line(name) for name in names if name), style="not bold")
-        line.add_row(
-            device, Text(f"recorded {duration(self._recorded[0])}{self._of_whole}", style="bold")
-        )
+        recorded = recorded_text(self._analysis, self._recorded[0])
+        line.add_row(device, Text(f"recorded {recorded}{self._of_whole}", style="bold"))
         return line
 
     def _run(self, width: int) -> Text:

@@ -30,6 +30,15 @@ def test_bursts_at_random_one_loud_stretch_and_heavy_tails_have_no_period():
     assert noise_level_period(np.zeros(100), RATE) is None
 
 
+@pytest.mark.parametrize("wanders", [0.0, 0.02])
+def test_two_lines_that_beat_make_no_noise_louder(wanders):
+    """Blades of a fan: lines at the multiples of a speed that is not quite steady."""
+    rng = np.random.default_rng(6)
+    phase = np.cumsum(rng.normal(0, wanders, N))
+    lines = [2.5 * np.cos(2 * np.pi * hz * np.arange(N) / RATE + phase) for hz in (61.7, 63.6)]
+    assert noise_level_period(rng.normal(0, 1, N) + sum(lines), RATE) is None
+
+
 def test_heavy_tails_that_come_regularly_are_said_to():
     bursts = np.arange(N) / RATE % 1.0007 < 0.03
     values = 0.05 * noise_with(bursts)

@@ -154,3 +154,25 @@ def test_values_that_are_equal_by_chance_are_no_silence():
     record = replace(_record(values), rate_hz=10.0, start_s=np.arange(36_000) / 10.0)
     view = View.of(series_of(record), "gx")
     assert not [c for c in VarianceChange.candidates(view) if c.excess > 0]
+
+
+def _two_sensors(rng: np.random.Generator, gyro: float, accelerometer: float) -> np.ndarray:
+    """Return six coarse axes, three of each sensor, with shares of rows that repeat."""
+    values = _rounded(rng.normal(size=(N, 6)), 0.5)
+    for columns, share in ((slice(0, 3), gyro), (slice(3, 6), accelerometer)):
+        rows = np.arange(N)
+        rows[rng.random(N) < share] = 0
+        values[:, columns] = values[np.maximum.accumulate(rows), columns]
+    return values
+
+
+def test_one_sensor_repeats_rows_and_the_other_has_a_share_of_its_own() -> None:
+    """Their registers are filled at different times: few rows repeat on all axes."""
+    for seed in range(SEEDS):
+        values = _two_sensors(np.random.default_rng([seed, 16]), 0.02, 0.0)
+        view = View.of(series_of(_record(values)), "gz")
+        (found,) = (c for c in RepeatedSamples.candidates(view) if c.excess > 0)
+        assert found.axes == ("gx", "gy", "gz")
+        assert found.effect.parameters["fraction"].value == pytest.approx(0.02, rel=0.25)
+        still = View.of(series_of(_record(values)), "ay")
+        assert not [c for c in RepeatedSamples.candidates(still) if c.excess > 0]

@@ -185,8 +185,8 @@ class Series:
         return float(np.linalg.norm(self.values[:, columns].mean(axis=0)))
 
     @once
-    def repeats(self) -> dict[str, tuple[float, float, float] | None]:
-        """What `RepeatedSamples` counted on each axis, whatever else is found there."""
+    def repeats(self) -> dict[tuple[int, ...], tuple[float, float, float]]:
+        """What `RepeatedSamples` counted on some axes together, whatever else is found there."""
         return {}
 
     @once

@@ -1,8 +1,9 @@
 r"""Rows that repeat the row before: a reader faster than the sensor, a stuck bus, a filled gap.
 
-Two neighbours may be equal by chance, the more so on a coarse lattice or behind a low-pass. With
-several axes: all of them repeat at once far more often than the product of their own chances, times
-what rows far from each other show of their dependence (`values`).
+Two neighbours may be equal by chance, the more so on a coarse lattice or behind a low-pass. A row
+of a sensor repeats on all its axes. With several, all of them, or all of the record, repeat at once
+far more often than the product of their own chances, times what rows far from each other show of
+their dependence (`values`).
 With one: differences of 0 are more frequent than those of +-1, +-2, +-3 steps let expect, whose
 frequencies follow a Gaussian whatever filter came before; by as much as they are among rows far
 from each other this is the shape of the distribution. On a lattice too fine for that, or without
@@ -54,6 +55,8 @@ _SMALL = 0.25
 """A difference is small below this share of the median."""
 _UNSEEN = 3.0
 """Upper 95 % limit of what was expected where nothing was seen."""
+_NONE = (0.0, 0.0, 1.0)
+"""Fraction, gain and error factor where nothing repeats."""
 _LOOKED_AT, _PIECES = 1 << 17, 16
 """Rows of a long record that tell how its far rows differ, and pieces that they come from."""
 
@@ -89,31 +92,41 @@ class RepeatedSamples(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Count equal neighbours."""
-        column = view.series.column(view.axis)
-        equal = view.series.equal
-        coincidence = view.series.coincidence
-        moving = list(coincidence.moving)
+        series = view.series
+        column, moving = series.column(view.axis), series.coincidence.moving
         if column not in moving:
             return []
-        counted = view.series.repeats
-        if view.axis not in counted:
-            counted[view.axis] = _alone(view, equal[:, column])
-        found = counted[view.axis]
-        axes: tuple[str, ...] = (view.axis,)
-        if len(moving) > 1:
-            together = _together(equal[:, moving], coincidence)
-            if found is None or together[1] >= found[1] or found[0] < 3 * together[0]:
-                found = together
-                axes = tuple(view.series.axes[c] for c in moving)
-        if found is None:
-            return []
+        sensor = tuple(c for c in moving if series.axes[c][0] == view.axis[0])
+        groups = {moving, sensor} if len(sensor) > 1 else {moving}
+        together = [(_counted(view, group), group) for group in groups if len(group) > 1]
+        found, columns = max(together, key=lambda one: one[0][1], default=(_NONE, sensor))
+        if len(sensor) == 1:
+            alone = _counted(view, sensor)
+            if alone[1] > found[1] and alone[0] >= 3 * found[0]:
+                found, columns = alone, sensor
         fraction, gain, rows = found
+        equal = series.equal[:, columns]
         error = np.sqrt(max(fraction * (1 - fraction), 1 / len(equal)) / len(equal)) * rows
         share = Estimate(
             fraction, max(0.0, fraction - TWO_SIDED_95 * error), fraction + TWO_SIDED_95 * error
         )
-        held = _held(equal[:, [view.series.column(a) for a in axes]], fraction)
+        held, axes = _held(equal, fraction), tuple(series.axes[c] for c in columns)
         return [Candidate(cls(share), gain, float(np.log(2)), parts=(held,), axes=axes)]
+
+
+def _counted(view: View, columns: tuple[int, ...]) -> tuple[float, float, float]:
+    """Return fraction, gain and error factor of some axes, counted once for all of them."""
+    series = view.series
+    if columns not in series.repeats:
+        equal = series.equal[:, columns]
+        if len(columns) == 1:
+            series.repeats[columns] = _alone(view, equal[:, 0])
+        else:
+            by_chance = series.coincidence
+            if columns != by_chance.moving:
+                by_chance = Coincidence.of(series.values[:, columns], equal)
+            series.repeats[columns] = _together(equal, by_chance)
+    return series.repeats[columns]
 
 
 def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:
@@ -147,7 +160,7 @@ def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, 
     dependence = by_chance.dependence
     chance = by_chance.limit * float(np.prod(each))
     if share * n < 3 or share < _BEYOND * chance:
-        return 0.0, 0.0, 1.0
+        return _NONE
 
     def excess(d: float) -> float:
         return float(d + dependence * np.prod(each - d) / (1 - d) ** (axes - 1) - share)
@@ -156,11 +169,11 @@ def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, 
     fraction = root_between(excess, 0.0, top) if excess(top) > 0 > excess(0.0) else share
     floor = max(chance * n, by_chance.far * n, 0.05)
     if share * n <= floor:
-        return 0.0, 0.0, 1.0
+        return _NONE
     return fraction, share * n * float(np.log(share * n / floor)) - (share * n - floor), 1.0
 
 
-def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] | None:
+def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float]:
     """Return the same from one axis, by the differences of neighbours and of far rows."""
     samples = _some(view.samples)
     lags = beyond_runs(equal)
@@ -168,7 +181,7 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] |
         return _among_small(view.samples, samples, lags)
     codes = np.round(np.diff(view.samples) / view.step)
     if np.std(codes) / np.sqrt(2) < _FINEST:
-        return None
+        return _NONE
     reach = int(np.clip(np.std(codes), 3, 12))
     fit = _zeros(codes, reach)
     if fit is None:
@@ -213,25 +226,25 @@ def _zeros(codes: Array, reach: int) -> tuple[float, float, float] | None:
     return float(counts[0]), float(np.exp(solution[0])), sigma2
 
 
-def _among_small(samples: Array, some: Array, lags: range) -> tuple[float, float, float] | None:
+def _among_small(samples: Array, some: Array, lags: range) -> tuple[float, float, float]:
     """Return the same where there is no lattice to count on: zeros among small differences."""
     steps = np.abs(np.diff(samples))
     far = [np.abs(some[lag:] - some[:-lag]) for lag in lags]
     if not far:
-        return None
+        return _NONE
     small = _SMALL * float(np.median(np.concatenate(far)))
     near = float(np.count_nonzero((steps > 0) & (steps <= small)))
     others = np.array([np.count_nonzero((one > 0) & (one <= small)) for one in far], float)
     zeros = np.array([np.count_nonzero(one == 0) for one in far], float)
     if not others.min() > 0:
-        return None
+        return _NONE
     # Where far rows are never equal, three in all of them could have been and were not seen.
     relative = np.full(len(far), 1.0 / np.sqrt(max(float(zeros.mean()), 1.0)))
     typical, limit = typical_and_limit(zeros / others, relative)
     rows, equal = len(steps), float(np.count_nonzero(steps == 0))
     chance = max(near * max(limit, _UNSEEN / float(others.sum())), 0.05)
     if equal <= _BEYOND * chance:
-        return 0.0, 0.0, 1.0
+        return _NONE
     gain = equal * float(np.log(equal / chance)) - (equal - chance)
     return (equal - near * typical) / rows, gain, 1.0
 

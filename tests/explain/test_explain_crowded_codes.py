@@ -142,3 +142,22 @@ def test_a_limit_in_the_tail_is_found_though_the_code_beside_it_holds_more(steps
     (crowded,) = crowded_codes(samples, 1.0)
     assert (crowded.value, crowded.side) == (side * limit, side)
     assert last < 1.2 * beside or steps > 3
+
+
+@pytest.mark.parametrize("digits", [3, 6])
+@pytest.mark.parametrize("off", [1e-9, 1e-6])
+def test_digits_that_text_has_more_of_near_zero_leave_no_code_crowded(digits, off):
+    """Counts that were scaled in floating point, and printed: 0 becomes many values, 1 does not."""
+    rng = np.random.default_rng(7)
+    for level in (0.0, 0.6, 1.05):
+        counts = np.round(rng.normal(level, 1.5, 30_000))
+        values = 8.75e-3 * counts + rng.normal(0, off, len(counts))
+        printed = np.array([float(f"{value:.{digits}g}") for value in values])
+        assert crowded_codes(printed, step_of(printed, 1.0)) == ()
+
+
+def test_a_pile_among_values_without_a_step_is_crowded():
+    noise = np.random.default_rng(8).normal(size=10_000)
+    piled = np.where(np.abs(noise - 0.5) < 0.1, 0.5, noise)
+    (found,) = crowded_codes(piled, 0.0)
+    assert (found.value, found.side) == (0.5, 0)

@@ -42,6 +42,8 @@ _FINEST = 0.7
 """Noise in steps from which the values vary smoothly; below, few codes say nothing."""
 _NEAR = 0.5
 """Distance from the next value, in deviations, from which an extreme stands apart: no limit."""
+_NEARBY = 2.0
+"""Deviations within which values without a step are as frequent as one of them."""
 _EXPECTED = 20.0
 """Arrivals that the codes on both sides let expect where there is none."""
 _CROSSED = 0.02
@@ -96,12 +98,13 @@ def crowded_codes(samples: Array, step: float) -> tuple[CrowdedCode, ...]:
     values, arrivals = counted(codes[moved])
     # Of a value within, a Gaussian of this spread has so many more than of the next.
     peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
+    sizes = np.unique(samples) if step <= 0 else None
     found = []
     for i in np.flatnonzero(arrivals >= _FEWEST_ARRIVALS).tolist():
         side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)
         beside = _beside(values, arrivals, int(i), step)
         if not (
-            _is_heaped(arrivals, int(i), peak * beside)
+            _is_heaped(arrivals, i, max(peak * beside, _nearby(sizes, arrivals, i, spread)))
             if side == 0
             else arrivals[i] >= _MORE * beside + _SIGMAS * np.sqrt(max(beside, 1.0))
             or (step > 0 and _lacks_its_tail(values, arrivals, side, spread / step))
@@ -206,6 +209,18 @@ def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step
     if step > 0:
         near = [j for j in near if abs(values[j] - values[i]) <= 2]
     return float(max((arrivals[j] for j in near), default=0))
+
+
+def _nearby(sizes: Array | None, arrivals: NDArray[np.int64], i: int, spread: float) -> float:
+    """Return the arrivals at the fullest of the values near one that have no step.
+
+    Text has more digits near 0: what lies beside a code of a sensor may be rare values there.
+    """
+    if sizes is None:
+        return 0.0
+    near = np.abs(sizes - sizes[i]) < _NEARBY * spread
+    near[i] = False
+    return float(arrivals[near].max(initial=0))
 
 
 def _gap(samples: Array, own: NDArray[np.bool_], value: float, side: int) -> float:

@@ -39,6 +39,8 @@ _LOOKED_AT = 1 << 16
 """Samples from which the lattice is read."""
 _FEWEST = 4
 """Fewest samples a value that make a lattice of printed numbers."""
+_APART = 100.0
+"""Distance of two codes over that of the values of one, which the last digits make."""
 _TURNS = 3
 """Most times that the step is found again from the samples that lie on its lattice."""
 _PRINTED = 0.3
@@ -75,13 +77,16 @@ def find_step(values: ArrayLike) -> float:
 
     The smallest distance of two distinct values is the step, or a multiple of it, if all distances
     are multiples of a common one. Where the values were printed with few digits none of that is
-    exact: the step is then the slope of a straight line through the codes that occur.
+    exact: the step is then the slope of a straight line through the codes that occur. Values that
+    were computed in more than one way differ in their last digits, of which text has more near 0.
 
     >>> round(find_step([0.0, 0.14, 0.21, -0.07]), 9)
     0.07
+    >>> round(find_step([0.07, 0.14, 1e-10, -3e-10, -0.07]), 9)
+    0.07
     """
     samples = _some(np.asarray(values, np.float64).ravel())
-    distinct = np.unique(samples)
+    distinct = _codes(np.unique(samples))
     gaps = np.diff(distinct)
     gaps = gaps[gaps > 1e-9 * float(np.max(np.abs(distinct), initial=0.0))]
     if len(gaps) == 0:
@@ -165,6 +170,22 @@ def _mean_squared_changes(samples: Array, lags: int) -> Array:
     squares = np.concatenate([[0.0], np.cumsum(x**2)])
     changes = squares[n - k] + squares[n] - squares[k] - 2 * products
     return np.asarray(np.maximum(changes, 0.0) / (n - k))
+
+
+def _codes(distinct: Array) -> Array:
+    """Return the means of groups of sorted values that lie far closer together than these do."""
+    apart = np.diff(distinct)
+    ascending = np.sort(apart)
+    if len(apart) < 2:
+        return distinct
+    jumps = ascending[1:] / ascending[:-1]
+    widest = int(np.argmax(jumps))
+    starts = np.concatenate([[0], np.flatnonzero(apart > ascending[widest]) + 1])
+    widths = np.append(distinct[starts[1:] - 1], distinct[-1]) - distinct[starts]
+    if jumps[widest] < _APART or np.max(widths) > _OFF * ascending[widest + 1]:
+        return distinct
+    counts = np.diff(np.append(starts, len(distinct)))
+    return np.asarray(np.add.reduceat(distinct, starts) / counts)
 
 
 def _printed_step(distinct: Array) -> float:

@@ -13,6 +13,7 @@ from allanscope.noise.likelihood import Likelihood
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.remainder import smooth_log_ratio, with_remainder
 from allanscope.noise.selection import textbook
+from allanscope.noise.transfer import response
 
 RATE = 100.0
 GRID = grid_of(200_000, RATE)
@@ -83,3 +84,14 @@ def test_a_ramp_stands_beside_it():
 
 def test_too_few_bins_have_no_smooth_ratio():
     assert smooth_log_ratio(np.arange(1.0, 6.0), np.ones(5), np.ones(5)) is None
+
+
+def test_a_deviation_knows_every_node():
+    """A resonance at 10 Hz of noise at 100 Hz: averages over 3 and 4 samples see its flanks."""
+    nodes, gain = (4.0, 9.0, 9.9, 10.1, 11.0, 18.0), (0.0, 2.0, 4.6, 4.6, 2.0, 0.0)
+    model = NoiseModel((White(1.0),), dt=0.01, filters=(Remainder(nodes, gain),))
+    m = np.array([1, 2, 3, 4, 6, 23, 64])
+    f = (np.arange(400_000) + 0.5) * 50.0 / 400_000
+    passed = [response("avar", 2 * np.pi * f / 100.0, k) for k in m]
+    direct = [np.mean(model.density(f) * one) * 50.0 for one in passed]
+    np.testing.assert_allclose(model.variance("avar", m), direct, rtol=1e-6)

@@ -124,12 +124,15 @@ class NoiseModel:
         filters = self.filters_on(component)
         if not filters or component.power == 0.0:
             return np.asarray(getattr(component, family)(m, self.dt))
-        corners = (c for part in (component, *filters) for c in part.corners(self.dt))
+        parts, unit = (component, *filters), 2 * np.pi * self.dt
+        corners = tuple(unit * f for part in parts for f in part.corners(self.dt))
+        kinks = tuple(unit * f for part in parts for f in part.kinks(self.dt))
         return estimator_variance(
-            lambda w: self._density(component, w / (2 * np.pi * self.dt)) / (2 * self.dt),
+            lambda w: self._density(component, w / unit) / (2 * self.dt),
             family,
             m,
-            corners=tuple(2 * np.pi * self.dt * corner for corner in corners),
+            corners=corners,
+            kinks=kinks,
         )
 
     @property

@@ -68,6 +68,11 @@ class Part:
         del dt
         return ()
 
+    def kinks(self, dt: float) -> tuple[float, ...]:
+        """Frequencies in Hz between which it is a power of the frequency, for integrals."""
+        del dt
+        return ()
+
     def _check_positive(self) -> None:
         """Refuse numbers out of their bounds; for use in ``__post_init__``."""
         for quantity in self.quantities:

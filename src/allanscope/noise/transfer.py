@@ -66,6 +66,7 @@ def estimator_variance(
     m: ArrayLike,
     *,
     corners: tuple[float, ...] = (),
+    kinks: tuple[float, ...] = (),
 ) -> Array:
     """Integrate a spectrum over what an estimator passes.
 
@@ -79,6 +80,8 @@ def estimator_variance(
         Averaging factors.
     corners : tuple of float
         Phases near which the spectrum changes faster than by a power of the phase.
+    kinks : tuple of float
+        Phases between which it is a power of the phase, each time another one.
 
     Returns
     -------
@@ -91,34 +94,36 @@ def estimator_variance(
     array([1. , 0.1])
     """
     factors = np.atleast_1d(np.asarray(m, np.float64))
-    values = np.array([_integral(spectrum, kind, float(factor), corners) for factor in factors])
+    known = np.concatenate([np.asarray(kinks), *_around(corners)])
+    low = 1e-3 * min(corners, default=np.inf)
+    values = np.array([_integral(spectrum, kind, float(m), known, low) for m in factors])
     return values.reshape(np.shape(m))
 
 
 def _integral(
-    spectrum: Callable[[Array], Array], kind: Kind, m: float, corners: tuple[float, ...]
+    spectrum: Callable[[Array], Array], kind: Kind, m: float, known: Array, low: float
 ) -> float:
     period = 2 * np.pi / m
     last = min(np.pi, _RESOLVED * period)
     linear = np.arange(period / 4, last * (1 - 1e-12), period / 4)
-    low = period * 1e-9
-    for corner in corners:
-        low = min(low, 1e-3 * corner)
+    low = min(low, period * 1e-9)
     edges = np.concatenate([np.geomspace(low, period / 4, 48), linear, [last]])
-    total = _sum(spectrum, kind, m, _refined(edges, corners), mean=False)
+    total = _sum(spectrum, kind, m, _refined(edges, known), mean=False)
     if last < np.pi:
         edges = np.geomspace(last, np.pi, 12)
-        total += _sum(spectrum, kind, m, _refined(edges, corners), mean=True)
+        total += _sum(spectrum, kind, m, _refined(edges, known), mean=True)
     return total / np.pi
 
 
-def _refined(edges: Array, corners: tuple[float, ...]) -> Array:
-    """Add edges that crowd around each corner."""
-    away = np.geomspace(1e-4, 1.0, 17)
-    crowd = [corner * (1 + sign * away) for corner in corners for sign in (-1, 1)]
-    extra = np.concatenate([*crowd, np.asarray(corners)]) if corners else np.empty(0)
-    inside = extra[(extra > edges[0]) & (extra < edges[-1])]
-    return np.unique(np.concatenate([edges, inside]))
+def _around(corners: tuple[float, ...]) -> list[Array]:
+    """Return phases that crowd around each corner."""
+    away = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 17)])
+    return [corner * (1 + sign * away) for corner in corners for sign in (-1, 1)]
+
+
+def _refined(edges: Array, known: Array) -> Array:
+    """Add the phases that lie between the edges."""
+    return np.unique(np.concatenate([edges, known[(known > edges[0]) & (known < edges[-1])]]))
 
 
 def _sum(

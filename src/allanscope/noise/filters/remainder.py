@@ -41,9 +41,9 @@ class Remainder(Filter):
 
     symbol: ClassVar[str] = "remainder"
 
-    def corners(self, dt: float) -> tuple[float, ...]:
-        """Return the ends of the nodes."""
-        return tuple(f for f in (self.frequency[0], self.frequency[-1]) if 0 < f < 0.5 / dt)
+    def kinks(self, dt: float) -> tuple[float, ...]:
+        """Return the nodes."""
+        return tuple(f for f in self.frequency if 0 < f < 0.5 / dt)
 
     def response(self, f: Array, dt: float) -> Array:
         """Return the factor at frequencies in Hz."""

@@ -52,15 +52,17 @@ KERNEL(double, squares_of_slopes)(const double *u, int64_t m, int64_t terms) {
     return total;
 }
 
-/* The running sum of a detrended window of `length` values and of half its mirror images. */
-static void mirror(const double *running, int64_t length, double *restrict sums) {
+/* The running sum of a detrended window of `length` values and of half its mirror images; `below`
+   has 0 + 1 + ... up to before each index. */
+static void mirror(
+    const double *running, const double *below, int64_t length, double *restrict sums) {
     int64_t half = length / 2;
     double base = running[0];
     double rise = (running[length] - running[length - half]) - (running[half] - base);
     double slope = rise / (double)(half * (length - half));
     double *window = sums + half, *after = window + length;
     for (int64_t k = 0; k <= length; k++)
-        window[k] = (running[k] - base) - slope * ((double)k * ((double)k - 1.0) / 2.0);
+        window[k] = (running[k] - base) - slope * below[k];
     double end = 2.0 * window[length];
     for (int64_t k = 0; k < half; k++) {
         sums[k] = -window[half - k];
@@ -74,12 +76,14 @@ static double mirrored_square(const double *p, int64_t m) {
 }
 
 /* Sum over windows, begun at every `stride`, of the mean square of the second difference of
-   m-means: `allan/estimators/reflected.py`. `room` has 3 length + 2 half + 2 values. */
+   m-means: `allan/estimators/reflected.py`. `room` has 4 length + 2 half + 3 values. */
 KERNEL(double, reflected_squares)
 (const double *values, int64_t n, int64_t m, int64_t stride, double *room) {
     int64_t length = 3 * m, half = length / 2, origin = -length, count = 2 * half + 1;
-    double *running = room, *sums = room + 2 * length + 1, total = 0.0;
+    double *running = room, *below = running + 2 * length + 1, *sums = below + length + 1;
+    double total = 0.0;
     running[0] = 0.0;
+    for (int64_t k = 0; k <= length; k++) below[k] = (double)k * ((double)k - 1.0) / 2.0;
     for (int64_t start = 0; start < n - length + 1; start += stride) {
         if (start >= origin + length) {
             /* Start the running sum afresh, from a value near by, so that it stays small. */
@@ -87,7 +91,7 @@ KERNEL(double, reflected_squares)
             for (int64_t k = 0; k < least(2 * length, n - origin); k++)
                 running[k + 1] = running[k] + (values[origin + k] - values[origin]);
         }
-        mirror(running + (start - origin), length, sums);
+        mirror(running + (start - origin), below, length, sums);
         lanes squares_in_lanes = {0.0};
         int64_t j = 0;
         for (; j + LANES <= count; j += LANES) {
@@ -146,6 +150,23 @@ KERNEL(double, theo1_squares)
         total += squares[0];
     }
     return total;
+}
+
+/* What `steps` of THEO1 at windows of 12 + 4 i are to OAVAR at the same tau: `ratios`, NaN where
+   THEO1 is 0. A window begins at every `window / per_tau`-th phase. */
+KERNEL(void, theobr_ratios)
+(const double *x, const double *backward, const double *weight, int64_t n, const int64_t *steps,
+ int64_t count, int64_t per_tau, double *ratios) {
+    for (int64_t k = 0; k < count; k++) {
+        int64_t m = 9 + 3 * steps[k], window = 12 + 4 * steps[k];
+        int64_t stride = window / per_tau > 1 ? window / per_tau : 1;
+        double square = (double)m * (double)m, wide = (double)window * (double)window;
+        double allan = JOINED(squares_of_second, LEVEL)(x, n, m, 1) / (double)(n - 2 * m);
+        double windows = (double)((n - window - 1) / stride + 1);
+        double theo1 = JOINED(theo1_squares, LEVEL)(x, backward, weight, n, window, stride);
+        theo1 /= 0.75 * windows * wide;
+        ratios[k] = theo1 > 0.0 ? allan / (2.0 * square) / theo1 : (double)NAN;
+    }
 }
 
 /* Sum over windows of THEO1's squares at each distance v, k // 2 of them; added to `profile`, a few

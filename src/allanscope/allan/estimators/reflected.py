@@ -53,7 +53,7 @@ def reflected_mean_square(values: NDArray[np.float64], m: int, stride: int) -> t
     windows = len(range(0, values.size - 3 * m + 1, stride))
     if not windows:
         return np.nan, 0
-    room = np.empty(9 * m + 2 * (3 * m // 2) + 2)
+    room = np.empty(12 * m + 2 * (3 * m // 2) + 3)
     total = _squares(np.ascontiguousarray(values, np.float64), values.size, m, stride, room)
     return total / (windows * float(m) ** 2), windows
 

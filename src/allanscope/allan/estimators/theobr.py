@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import calibrated_edf
-from allanscope.allan.estimators.base import REGISTRY, mean_square_second, register
+from allanscope.allan.estimators.base import REGISTRY, register
 from allanscope.allan.estimators.theo1 import BIAS, Theo1, theo1_variance
 from allanscope.allan.noise_type import NoiseTypes
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["TheoBR", "theobr_ratio"]
 
@@ -136,6 +137,14 @@ class TheoBR(Theo1):
         return max(super().needed(m), 89)
 
 
+_ratios = kernel(
+    "theobr_ratios",
+    *(Pointer(np.float64, 1),) * 3,
+    *(int, Pointer(np.int64, 1), int, int),
+    Pointer(np.float64, 1, written=True),
+)
+
+
 def theobr_ratio(phase: NDArray[np.float64]) -> float:
     """Return what THEO1 is multiplied by to have its bias removed; NaN below 90 phases.
 
@@ -147,11 +156,9 @@ def theobr_ratio(phase: NDArray[np.float64]) -> float:
     if last < 0:
         return np.nan
     steps = np.unique(np.linspace(0, last, min(last + 1, _MOST_RATIOS)).round().astype(np.int64))
-    ratios = [_ratio(phase, 9 + 3 * int(i), 12 + 4 * int(i)) for i in steps]
+    x = np.ascontiguousarray(phase, np.float64)
+    weight = 1.0 / np.arange(1, 7 + 2 * int(steps[-1]))
+    ratios = np.empty(steps.size)
+    backward = x[::-1].copy()
+    _ratios(x, backward, weight, x.size, steps, steps.size, _WINDOWS_PER_TAU, ratios)
     return float(np.mean(ratios))
-
-
-def _ratio(phase: NDArray[np.float64], m: int, window: int) -> float:
-    allan = mean_square_second(phase, m, 1)[0] / (2.0 * m**2)
-    theo1 = theo1_variance(phase, window, max(1, window // _WINDOWS_PER_TAU))[0]
-    return allan / theo1 if theo1 > 0 else np.nan

@@ -6,7 +6,7 @@ over the DCT ordinates. N is known to 1 / sqrt(2 n); B and K depend on the lengt
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -96,12 +96,41 @@ def wait_until(
     def bound(length: float) -> float:
         return relative_bounds(whole, dt, length).get(name, np.inf)
 
-    low, high = duration, duration
-    while bound(high) > known:
-        low, high = high, 2 * high
+    low, high, above, below = duration, duration, np.inf, bound(duration)
+    if below <= known:
+        return 0.0
+    while below > known:
+        low, high, above = high, 2 * high, below
         if high > _LONGEST_FACTOR * duration:
             return None
+        below = bound(high)
+    return _where_known(bound, known, (low, high), (above, below)) - duration
+
+
+def _where_known(
+    bound: Callable[[float], float],
+    known: float,
+    ends: tuple[float, float],
+    bounds: tuple[float, float],
+) -> float:
+    """Return the first of 33 lengths from one end to the other at which a bound is low enough.
+
+    A bound falls about as a power of the length: the length at which that is low enough is tried,
+    and then the one before it.
+    """
+    lengths = np.array(ends)
     for _ in range(5):
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if bound(middle) > known else (low, middle)
-    return max(0.0, high - duration) if high > duration else 0.0
+        halved = np.empty(2 * len(lengths) - 1)
+        halved[::2], halved[1::2] = lengths, np.sqrt(lengths[:-1] * lengths[1:])
+        lengths = halved
+    first, last = 0, len(lengths) - 1
+    above, below = bounds
+    while last - first > 1:
+        share = np.log(above / known) / np.log(above / max(below, 1e-300))
+        middle = int(np.clip(first + np.ceil(share * (last - first)), first + 1, last - 1))
+        found = bound(float(lengths[middle]))
+        if found > known:
+            first, above = middle, found
+        else:
+            last, below = middle, found
+    return float(lengths[last])

@@ -508,13 +508,14 @@ _NOT_SEARCHED = AxisExplanation((), _NO_ERROR, _NO_ERROR, {}, {}, math.nan, math
 
 
 def _curve_dict(curve: Deviation, choices: CurveChoices) -> dict[str, Any]:
+    """Return the columns of a curve, as arrays."""
     names = ("tau", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
     arrays = {name: getattr(curve, name) for name in names}
     if choices.variance:
         arrays["variance"] = curve.variance
     if choices.simple_limits:
         arrays["simple_lower"], arrays["simple_upper"] = curve.simple_limits()
-    return {name: array.tolist() for name, array in arrays.items()}
+    return arrays
 
 
 def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
@@ -581,7 +582,7 @@ def _plain(value: Any) -> Any:
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         plain = value.tolist()
-        is_finite = value.dtype.kind in "iub" or (
+        is_finite = value.dtype.kind in "iubU" or (
             value.dtype.kind == "f" and np.isfinite(value).all()
         )
         return plain if is_finite else _plain(plain)

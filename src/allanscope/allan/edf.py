@@ -34,6 +34,7 @@ noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in sample
 from __future__ import annotations
 
 import tomllib
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -399,11 +400,13 @@ def _calibration() -> dict[str, dict[str, dict[str, dict[str, list[Any]]]]]:
 
 
 @lru_cache(maxsize=256)
-def _logarithms(column: str, kind: str, name: str) -> tuple[Floats, Floats, list[Floats]]:
+def _logarithms(
+    column: str, kind: str, name: str
+) -> tuple[list[float], list[float], list[list[float]]]:
     """Return the binary logarithms of windows, of lengths, and of a table at each length."""
     table = _calibration()[column][kind][name]
-    rows = [np.log2(row) for row in table[column]]
-    return np.log2(table["windows"]), np.log2(table["samples"]), rows
+    rows = [np.log2(row).tolist() for row in table[column]]
+    return np.log2(table["windows"]).tolist(), np.log2(table["samples"]).tolist(), rows
 
 
 def _between(
@@ -412,8 +415,19 @@ def _between(
     """Return the binary logarithm of a table there, and at each length of its runs."""
     known, lengths, rows = _logarithms(column, kind, name)
     at = float(np.log2(windows))
-    at_each = [float(np.interp(at, known[: len(row)], row)) for row in rows]
-    return float(np.interp(np.log2(length), lengths, at_each)), at_each
+    at_each = [_on_line(at, known, row) for row in rows]
+    return _on_line(float(np.log2(length)), lengths, at_each), at_each
+
+
+def _on_line(at: float, known: list[float], row: list[float]) -> float:
+    """Return what `numpy.interp` does, which takes three times as long for one number."""
+    last = len(row) - 1
+    if at >= known[last]:
+        return row[last]
+    if at <= known[0]:
+        return row[0]
+    k = bisect_right(known, at, 0, last + 1) - 1
+    return (row[k + 1] - row[k]) / (known[k + 1] - known[k]) * (at - known[k]) + row[k]
 
 
 def _interpolated(kind: str, name: str, m: float, n: float, theory: float) -> float:

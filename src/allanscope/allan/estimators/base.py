@@ -518,13 +518,11 @@ def _unit_spread(m: int, n: int, stride: int) -> NDArray[np.float64]:
     count = max((n - m) // stride + 1, 2)
     index = np.unique(np.linspace(1, count - 1, min(count - 1, _MOST_POSITIONS)).round())
     apart = index * stride
-    squares = 2.0 * (
-        2.0 * lagged_phase(np.zeros(1))
-        - 2.0 * lagged_phase(np.full(1, float(m)))
-        - 2.0 * lagged_phase(apart)
-        + lagged_phase(np.abs(apart - m))
-        + lagged_phase(apart + m)
-    )
+    near = np.array([0.0, float(m)])
+    phase = lagged_phase(np.concatenate([near, apart, np.abs(apart - m), apart + m]))
+    still, away = phase[:, :1], phase[:, 1:2]
+    here, before, after = np.split(phase[:, 2:], 3, axis=1)
+    squares = 2.0 * (2.0 * still - 2.0 * away - 2.0 * here + before + after)
     weight = count - index
     spread: NDArray[np.float64] = (squares @ (weight / weight.sum())) / (2.0 * float(m) ** 2)
     return spread

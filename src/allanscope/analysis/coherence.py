@@ -119,7 +119,7 @@ def common_of(
         return ()
     with ThreadPoolExecutor(threads) as pool:
         window = np.hanning(n)
-        white, quiet = zip(
+        white, power, quiet = zip(
             *pool.map(lambda k: _whitened(values[:, k], window), moving), strict=True
         )
     steps = max(1, int(_PER_OCTAVE * math.log2((n // 2) / _FIRST_BIN)))
@@ -136,8 +136,8 @@ def common_of(
             if averages < _FEWEST_BINS / 4:
                 continue
             x, y = white[i][low:high][use], white[j][low:high][use]
-            power = float(np.sum(np.abs(x) ** 2) * np.sum(np.abs(y) ** 2))
-            coherence = float(np.abs(np.sum(x.conj() * y)) ** 2) / power
+            both = float(power[i][low:high][use].sum() * power[j][low:high][use].sum())
+            coherence = float(np.abs(np.sum(x.conj() * y)) ** 2) / both
             least = 1 - (_FALSE / (len(pairs) * len(bands))) ** (1 / (averages - 1))
             limit = max(limit, least)
             if coherence > least:
@@ -152,8 +152,10 @@ def common_of(
     return tuple(_with_cause(one, findings) for one in _joined(found))
 
 
-def _whitened(values: Array, window: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
-    """Return the spectrum of an axis made white, and the bins that are no lines."""
+def _whitened(
+    values: Array, window: Array
+) -> tuple[NDArray[np.complex128], Array, NDArray[np.bool_]]:
+    """Return the spectrum of an axis made white, its power, and the bins that are no lines."""
     spectrum = _spectrum(without_trend(values) * window)
     power = np.abs(spectrum) ** 2
     steps = max(1, int(_SMOOTHED * math.log2(len(power) / 4)))
@@ -162,7 +164,8 @@ def _whitened(values: Array, window: Array) -> tuple[NDArray[np.complex128], NDA
     for low, high in pairwise(edges):
         level[low:high] = max(float(np.median(power[low:high])) / math.log(2), 1e-300)
     white = spectrum / np.sqrt(level)
-    return white, np.abs(white) ** 2 < _LOUD
+    power = np.abs(white) ** 2
+    return white, power, power < _LOUD
 
 
 def _spectrum(values: Array) -> NDArray[np.complex128]:

@@ -32,6 +32,7 @@ __all__ = [
     "SHORTEST_ROWS",
     "SHORTEST_S",
     "Series",
+    "block_means",
     "in_time",
     "multiple_of",
     "observations",
@@ -243,6 +244,20 @@ class Series:
             level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
             power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
         return power
+
+
+def block_means(values: Array, blocks: int) -> Array:
+    """Return the means of so many blocks, about equally long: those of `numpy.array_split`.
+
+    Examples
+    --------
+    >>> block_means(np.arange(7.0), 3).tolist()
+    [1.0, 3.5, 5.5]
+    """
+    length, longer = divmod(len(values), blocks)
+    cut = longer * (length + 1)
+    parts = values[:cut].reshape(longer, length + 1), values[cut:].reshape(blocks - longer, length)
+    return np.concatenate([part.mean(axis=1) for part in parts])
 
 
 def in_time(ordinates: Array) -> Array:

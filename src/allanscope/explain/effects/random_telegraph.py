@@ -28,6 +28,7 @@ from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import Regression, joint_fit, ordinates_of
 from allanscope.explain.residual import removes
+from allanscope.explain.series import block_means
 from allanscope.explain.view import View
 from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
 from allanscope.noise.components import GaussMarkov as CorrelatedNoise
@@ -173,7 +174,7 @@ class _Path:
 
 def _moved(view: View) -> float:
     """Deviation of means over a 200th of the record beyond the white noise in them, 0 if small."""
-    means = np.array([part.mean() for part in np.array_split(view.data, 200)])
+    means = block_means(view.data, 200)
     white = view.spectrum.model.value("N") ** 2 * 200 / view.series.duration_s
     variance = float(means.var())
     return float(np.sqrt(variance - white)) if variance > _MOVED * white else 0.0

@@ -32,7 +32,7 @@ from allanscope.explain.effects.variance_change import (
     best_interval,
     log_alternatives,
 )
-from allanscope.explain.series import in_time
+from allanscope.explain.series import block_means, in_time
 from allanscope.explain.view import View
 from allanscope.optimise import minimise_between
 
@@ -125,7 +125,7 @@ def _power(view: View) -> tuple[Array, Array]:
         band[low:high] = white[low:high]
         squares = in_time(band) ** 2
         squares = np.minimum(squares, _CAP * squares.mean())
-        power = np.array([part.mean() for part in np.array_split(squares, _BLOCKS)])
+        power = block_means(squares, _BLOCKS)
         # What neighbours differ by more than chance makes them tells less of the level.
         scatter = float(np.mean(np.diff(power / power.mean()) ** 2)) / 2
         powers.append(power)

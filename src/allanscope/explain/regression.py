@@ -23,7 +23,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.lazy import once
-from allanscope.noise.grid import Grid
+from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.part import Filter
 from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
@@ -141,9 +141,8 @@ def joint_fit(
     null = view.spectrum
     fitter = view.fitter.plus(*filters) if filters else view.fitter
     d = view.ordinates[:m]
-    kept = null.kept[:m].astype(np.float64)
+    kept, binned = _low_bins(view.grid, null.excluded, m)
     power = view.power.copy()
-    binned = _low_bins(view.grid, kept)
     powers, loglik = null.powers, np.inf
     for turn in range(rounds):
         known = turn == 0 and m <= view.grid.low
@@ -175,8 +174,8 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     again, has dropped as far as it does at 95 %, and the covariance is scaled to reach there.
     """
     m, power = columns.shape[1], view.power.copy()
-    kept, d = view.spectrum.kept[:m].astype(np.float64), view.ordinates[:m]
-    binned = _low_bins(view.grid, kept)
+    _, binned = _low_bins(view.grid, view.spectrum.excluded, m)
+    d = view.ordinates[:m]
 
     def loglik(amplitude: Array) -> float:
         means = binned((d - amplitude @ columns) ** 2)
@@ -211,14 +210,18 @@ def reach_at_95(drop: Callable[[float], float]) -> float:
     return reach
 
 
-def _low_bins(grid: Grid, kept: Array) -> Callable[[Array], Array]:
-    """Return a function that averages the first squares, of which these are kept, over bins."""
-    bins = int(np.searchsorted(grid.edges, len(kept)))
-    if len(kept) < grid.n - 1 and grid.edges[bins] != len(kept):
+@lru_cache(maxsize=16)  # a search asks for the same few thousands of times
+def _low_bins(grid: Grid, excluded: Ranges, m: int) -> tuple[Array, Callable[[Array], Array]]:
+    """Return which of the first ordinates are kept, and what averages their squares over bins."""
+    kept = grid.kept(excluded)[:m].astype(np.float64)
+    bins = int(np.searchsorted(grid.edges, m))
+    if m < grid.n - 1 and grid.edges[bins] != m:
         raise ValueError("signals must end at the border of a bin")
     edges = grid.edges[:bins]
     count = np.maximum(np.add.reduceat(kept, edges), 1.0)
-    return lambda squares: np.add.reduceat(squares * kept, edges) / count
+    if kept.all():
+        return kept, lambda squares: np.add.reduceat(squares, edges) / count
+    return kept, lambda squares: np.add.reduceat(squares * kept, edges) / count
 
 
 def refit_jointly(view: View) -> View:

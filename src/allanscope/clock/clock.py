@@ -17,7 +17,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.clock.rate import DISAGREEMENT, SHORTEST_PERIOD_S, LineFit, RateFit, fit_line
+from allanscope.clock.rate import (
+    DISAGREEMENT,
+    SHORTEST_PERIOD_S,
+    LineFit,
+    RateFit,
+    fit_line,
+    rate_of_line,
+)
 from allanscope.compiled import Pointer, kernel
 from allanscope.samples import Gap, StreamInfo, Ticks
 
@@ -291,10 +298,7 @@ class Envelope:
         return self._index[rows].copy(), self._time_s[rows].copy(), self._segment[rows].copy()
 
     def _fit(self) -> LineFit | None:
-        used = self._used - 1 if self._used > SETTLED_ROWS else self._used
-        rows = slice(0, used)
-        if self._polled and self._window_s == FIRST_WINDOW_S:  # every read is there
-            self._pause_s = _pause(self._index[rows], self._time_s[rows])
+        rows = self._settled()
         return fit_line(
             self._index[rows],
             self._time_s[rows],
@@ -304,6 +308,13 @@ class Envelope:
             self._pause_s,
             self._cadence_s(self._time_s[rows]),
         )
+
+    def _settled(self) -> slice:
+        """Return the rows to fit, but for the last one of many; look at the pauses of a reader."""
+        rows = slice(0, self._used - 1 if self._used > SETTLED_ROWS else self._used)
+        if self._polled and self._window_s == FIRST_WINDOW_S:  # every read is there
+            self._pause_s = _pause(self._index[rows], self._time_s[rows])
+        return rows
 
     def _cadence_s(self, time_s: NDArray[np.float64]) -> float:
         """Return the step in which arrivals may creep, as long as that cannot be excluded.
@@ -348,9 +359,10 @@ class Envelope:
     def _widen(self) -> None:
         """Join rows, and double the windows until there is room."""
         self._join()
-        fit = self._fit()
-        if fit is not None:
-            self._period_s = 1.0 / fit.hz
+        rows = self._settled()
+        hz = rate_of_line(self._index[rows], self._time_s[rows], self._segment[rows])
+        if hz is not None:
+            self._period_s = 1.0 / hz
         self._drop_short_segments()
         while self._used > 3 * ROWS // 4:
             self._window_s *= 2.0

@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 from allanscope.median import median
 from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95
 
-__all__ = ["ClockError", "LineFit", "RateFit", "fit_line"]
+__all__ = ["ClockError", "LineFit", "RateFit", "fit_line", "rate_of_line"]
 
 Floats = NDArray[np.float64]
 
@@ -120,6 +120,69 @@ def fit_line(
     LineFit or None
         None while there are too few points, or while they show no progress.
     """
+    found = _common_line(index, time_s, segment)
+    if found is None:
+        return None
+    x, stretch, kept, residual = found.x, found.stretch, found.kept, found.residual
+    period_s, freedom = found.period_s, found.freedom
+    xc, residual = _centred(x, stretch, kept)[kept], residual[kept]
+    span_s = float(np.ptp(x[kept])) * period_s
+    slope_sigma = _slope_sigma(xc, residual, stretch[kept])
+    apart = np.diff(index)
+    frame = max(float(np.gcd.reduce(apart)), 1.0)
+    phases = np.arange(1, max(int(median(apart) / frame), 1) + 1)[:MOST_PHASES]
+    creep_s = max(
+        _room_to_creep(step, frame * period_s, span_s, phases) for step in (resolution_s, cadence_s)
+    )
+    floor = max(creep_s, hidden_s) / np.sqrt(12.0) / span_s
+    drift, drift_sigma = _bend(xc**2, xc, residual, stretch[kept], freedom)
+    drift_floor = 8.0 * floor / span_s  # a bend of one step, as the floor is a slope of one
+    per_degc = per_degc_sigma = np.nan
+    if temperature_c is not None:
+        warmth = _warmth(x, temperature_c[found.telling], stretch)
+        per_degc, per_degc_sigma = _bend(warmth[kept], xc, residual, stretch[kept], freedom)
+        per_degc_sigma = float(np.hypot(per_degc_sigma, THERMOMETER * per_degc))
+    return LineFit(
+        hz=1.0 / period_s,
+        relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
+        residual_s=float(np.sqrt(residual @ residual / freedom)),
+        span_s=span_s,
+        drift_per_h=-3600.0 * 2.0 * drift / period_s**2,
+        drift_sigma_per_h=3600.0 * float(np.hypot(2.0 * drift_sigma / period_s**2, drift_floor)),
+        steps=found.steps,
+        per_degc=-per_degc / period_s,
+        per_degc_sigma=per_degc_sigma / period_s,
+    )
+
+
+def rate_of_line(
+    index: NDArray[np.int64], time_s: Floats, segment: NDArray[np.int64]
+) -> float | None:
+    """Return the rate in Hz that `fit_line` finds, without how well it is known."""
+    found = _common_line(index, time_s, segment)
+    return None if found is None else 1.0 / found.period_s
+
+
+@dataclass(frozen=True, slots=True)
+class _CommonLine:
+    """Points that tell about one rate, shape (k,), and the line through them.
+
+    `telling` says which of all points they are, shape (n,).
+    """
+
+    x: Floats
+    stretch: NDArray[np.int64]
+    telling: NDArray[np.bool_]
+    kept: NDArray[np.bool_]
+    residual: Floats
+    period_s: float
+    freedom: int
+    steps: int
+
+
+def _common_line(
+    index: NDArray[np.int64], time_s: Floats, segment: NDArray[np.int64]
+) -> _CommonLine | None:
     if len(index) < FEWEST_ROWS:
         return None
     x = (index - index[0]).astype(np.float64)
@@ -140,34 +203,7 @@ def fit_line(
     freedom = int(kept.sum()) - len(np.unique(stretch[kept])) - 1
     if freedom < 3 or not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
         return None
-    xc, residual = _centred(x, stretch, kept)[kept], residual[kept]
-    span_s = float(np.ptp(x[kept])) * period_s
-    slope_sigma = _slope_sigma(xc, residual, stretch[kept])
-    apart = np.diff(index)
-    frame = max(float(np.gcd.reduce(apart)), 1.0)
-    phases = np.arange(1, max(int(median(apart) / frame), 1) + 1)[:MOST_PHASES]
-    creep_s = max(
-        _room_to_creep(step, frame * period_s, span_s, phases) for step in (resolution_s, cadence_s)
-    )
-    floor = max(creep_s, hidden_s) / np.sqrt(12.0) / span_s
-    drift, drift_sigma = _bend(xc**2, xc, residual, stretch[kept], freedom)
-    drift_floor = 8.0 * floor / span_s  # a bend of one step, as the floor is a slope of one
-    per_degc = per_degc_sigma = np.nan
-    if temperature_c is not None:
-        warmth = _warmth(x, temperature_c[telling], stretch)
-        per_degc, per_degc_sigma = _bend(warmth[kept], xc, residual, stretch[kept], freedom)
-        per_degc_sigma = float(np.hypot(per_degc_sigma, THERMOMETER * per_degc))
-    return LineFit(
-        hz=1.0 / period_s,
-        relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
-        residual_s=float(np.sqrt(residual @ residual / freedom)),
-        span_s=span_s,
-        drift_per_h=-3600.0 * 2.0 * drift / period_s**2,
-        drift_sigma_per_h=3600.0 * float(np.hypot(2.0 * drift_sigma / period_s**2, drift_floor)),
-        steps=steps,
-        per_degc=-per_degc / period_s,
-        per_degc_sigma=per_degc_sigma / period_s,
-    )
+    return _CommonLine(x, stretch, telling, kept, residual, period_s, freedom, steps)
 
 
 def _line(

@@ -222,7 +222,7 @@ class _Penalised:
     def objective(self, point: Array) -> float:
         expected, information = self._information(point)
         # About the amplitudes themselves: the determinant in logarithms over their squares.
-        penalty = 0.5 * _log_determinant(information) - float(point.sum())
+        penalty = 0.5 * float(_log_determinant(information)) - float(point.sum())
         return self.likelihood.value(expected) + penalty
 
     def slopes(self, point: Array) -> tuple[Array, Array]:
@@ -231,13 +231,10 @@ class _Penalised:
         relative = 2 * self.columns * np.exp(2 * point) / expected[:, np.newaxis]
         data = self.likelihood
         score = 0.5 * relative.T @ (data.dof * (data.power / expected - 1))
-        penalty = np.empty(len(point))
-        for i in range(len(point)):
-            moved = np.zeros(len(point))
-            moved[i] = _DIFFERENCE
-            up, down = (self._information(point + s * moved)[1] for s in (1, -1))
-            change = _log_determinant(up) - _log_determinant(down)
-            penalty[i] = 0.5 * change / (2 * _DIFFERENCE) - 1
+        moved = _DIFFERENCE * np.eye(len(point))
+        beside = [[self._information(point + s * one)[1] for s in (1, -1)] for one in moved]
+        up, down = _log_determinant(np.array(beside)).T
+        penalty = 0.5 * (up - down) / (2 * _DIFFERENCE) - 1
         return score + penalty, information
 
     def at(self, point: Array) -> NoiseModel:
@@ -253,11 +250,12 @@ class _Penalised:
         return expected, relative.T @ relative
 
 
-def _log_determinant(information: Array) -> float:
-    """Return ln det of an information matrix; finite where columns cannot be told apart."""
-    scale = np.sqrt(np.diag(information)) + 1e-150
-    correlation = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    return float(np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale)))
+def _log_determinant(information: Array) -> Array:
+    """Return ln det of information matrices, shape (..., p, p), also where columns are alike."""
+    scale = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1)) + 1e-150
+    outer = scale[..., :, np.newaxis] * scale[..., np.newaxis, :]
+    correlation = information / outer + _RIDGE * np.eye(scale.shape[-1])
+    return np.asarray(np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale), axis=-1))
 
 
 @dataclass(frozen=True, slots=True)

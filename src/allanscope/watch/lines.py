@@ -15,9 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import i0e
 
 from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.false_alarms import log_weight
+from allanscope.watch.scan import PARTS, moment_of
 from allanscope.watch.summary import LANES, groups_of, of_axis
 
 __all__ = ["LineAlarm", "LineCusums"]
@@ -45,6 +47,11 @@ LEAST_BLOCKS = 3
 """Blocks that a line lasts, and it is there in the last one: a board that is touched swings for a
 second or two, and what it did then stays in the sums for some more."""
 
+RECENT = 128
+"""Blocks that are kept to tell when a line began."""
+MOST_KEPT = 6e4
+"""Ratio of the largest half-precision numbers."""
+
 WARM_UP = 120
 """Blocks that the reference needs before lines are looked for."""
 
@@ -63,6 +70,8 @@ class LineAlarm:
         Mean power in these blocks, in units of the reference.
     nats : float
         The sum.
+    moment, lower, upper : float
+        When it began, in blocks: median and ends of the 95 % interval.
     """
 
     axis: int
@@ -70,6 +79,9 @@ class LineAlarm:
     since: int
     ratio: float
     nats: float
+    moment: float
+    lower: float
+    upper: float
 
 
 def _log_mean(tilt: float) -> float:
@@ -113,6 +125,7 @@ class LineCusums:
         self._sums = np.zeros((len(ALPHA_SHARES), *shape), np.float32)
         self._since = np.zeros((len(ALPHA_SHARES), *shape), np.int32)
         self._tops = np.zeros((len(ALPHA_SHARES), shape[0], LANES), np.float32)
+        self._recent = np.zeros((RECENT, *shape), np.float16)
         gains = np.array([*WEAK_INCREMENT, *CLEAR_INCREMENT], np.float32)
         self._fixed = Fixed(gains, self._spread, self._sums, self._since, self._tops)
 
@@ -130,6 +143,8 @@ class LineCusums:
         held : ndarray of int32, shape (groups, bins, 8)
             Bins that are not looked at, -1: an event is known there.
         """
+        kept = self._recent[self.blocks % RECENT]
+        np.minimum(ratio * scale[:, np.newaxis], MOST_KEPT, out=kept, casting="same_kind")
         self.blocks += 1
         # Exponential ratios have a mean square of 2. Where it is larger, as on a line that was
         # always there and beats with another, ratios count for less.
@@ -176,9 +191,35 @@ class LineCusums:
         mean *= spread
         adds = by * usual > less
         # The sum is one of ratios that are capped; beyond the cap, the last one tells more.
-        return LineAlarm(
-            axis, at, length, max(mean, last) if last > RATIO_CAP else mean, nats
-        ), adds
+        mean = max(mean, last) if last > RATIO_CAP else mean
+        moments = self._moments(axis, at, length, spread, is_clear=number == 1)
+        return LineAlarm(axis, at, length, mean, nats, *moments), adds
+
+    def _moments(
+        self, axis: int, place: int, since: int, spread: float, is_clear: bool
+    ) -> tuple[float, float, float]:
+        """Return when a line began, in blocks: median and ends of the 95 % interval.
+
+        Of a block in which it begins, the Hann window shows as much of its amplitude as is left.
+        A clear line is a sine in noise, a weak one noise itself.
+        """
+        looked_at = min(2 * since + LEAST_BLOCKS, RECENT, self.blocks)
+        first = self.blocks - looked_at
+        blocks = np.arange(first, self.blocks)
+        ratio = self._recent[blocks % RECENT, axis // LANES, place, axis % LANES]
+        ratio = ratio.astype(np.float64)[:, np.newaxis] / spread
+        whole = ratio[-max(min(since, looked_at) - 1, 1) :]
+        excess = max(float(whole.mean()) - 1.0, 0.1)
+        after = 1.0 - (np.arange(PARTS) + 0.5) / PARTS
+        shown = after - np.sin(2.0 * np.pi * after) / (2.0 * np.pi)
+        power = excess * np.append(shown, 1.0) ** 2
+        if is_clear:
+            z = 2.0 * np.sqrt(power * ratio)
+            gains = np.log(i0e(z)) + z - power
+        else:
+            gains = ratio * power / (1.0 + power) - np.log1p(power)
+        median, lower, upper = moment_of(gains)
+        return first + median, first + lower, first + upper
 
     def forget(self, axis: int, bins: slice | NDArray[np.bool_] = slice(None)) -> None:
         """Begin the sums of an axis anew, of all bins or of some."""

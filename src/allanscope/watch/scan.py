@@ -23,7 +23,16 @@ from numpy.typing import NDArray
 from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.false_alarms import log_weight
 
-__all__ = ["Alarm", "Change", "Scan", "is_one_ramp", "locate", "log_tail"]
+__all__ = [
+    "Alarm",
+    "Change",
+    "Scan",
+    "is_one_ramp",
+    "locate",
+    "log_tail",
+    "moment_of",
+    "moment_of_counts",
+]
 
 WINDOWS = np.array(
     [2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 40, 48, 64, 96, 128, 192, 256]
@@ -68,7 +77,7 @@ of how many fewer there are than looks allow, in white noise at 16 to 18 nats.""
 
 MEMORY = 1.3
 """By which the log-likelihood of a moment is divided, because block values have memory."""
-PARTS = 10
+PARTS = 100
 """Of a block, in each of which the moment of a step may be."""
 QUANTILES = (0.5, 0.025, 0.975)
 """Of the moment, which are told."""
@@ -259,6 +268,7 @@ def locate(
     spread: float,
     power: float = 1.0,
     zero: float = 0.0,
+    memory: float = MEMORY,
 ) -> Change:
     """Return the change that fits a stretch best.
 
@@ -273,6 +283,8 @@ def locate(
     power, zero : float
         What is this power of the values less `zero` is a mean over the block: where half of it has
         changed it is halfway.
+    memory : float
+        By which log-likelihoods are divided.
 
     Examples
     --------
@@ -300,7 +312,10 @@ def locate(
         after = _level(values[at:], spread)
         size, first = after - before, max(earliest - 1, 1)
         gains = _gains_within(values, _shares(before - zero, after - zero, power))[first:]
-    moment, lower, upper = _quantiles(gains / (2 * variance * MEMORY)).tolist()
+        # What a step within a block leaves of it is no noise.
+        left = total - max(float(gains.max()), float(steps[best]))
+        variance = max(left / len(values), spread**2, 1e-300)
+    moment, lower, upper = _quantiles(gains / (2 * variance * memory)).tolist()
     times = first + moment, first + lower, first + upper
     return Change("ramp" if is_ramp else "step", at, *times, before, size)
 
@@ -331,6 +346,41 @@ def _quantiles(loglik: NDArray[np.float64]) -> NDArray[np.float64]:
     below = np.concatenate([[0.0], np.cumsum(weight)])
     borders = np.arange(len(below)) / loglik.shape[1]
     return np.asarray(np.interp(np.array(QUANTILES) * below[-1], below, borders))
+
+
+def moment_of(gains: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return the median of a moment and the ends of its 95 % interval, in blocks.
+
+    Parameters
+    ----------
+    gains : ndarray of float64, shape (n, PARTS + 1)
+        Log-likelihood that each block gains if the change is in one of its parts; last, if it was
+        before it.
+    """
+    later = np.cumsum(gains[::-1, -1])[::-1] - gains[:, -1]
+    median, lower, upper = _quantiles(gains[:, :-1] + later[:, np.newaxis]).tolist()
+    return median, lower, upper
+
+
+def moment_of_counts(
+    counts: NDArray[np.float64], earliest: int, at: int
+) -> tuple[float, float, float]:
+    """Return the same of a Poisson rate that is another one from a block on.
+
+    Parameters
+    ----------
+    counts : ndarray of float64, shape (n,)
+        Counts of blocks.
+    earliest, at : int
+        First block in which it may have changed, and the likeliest first one after it.
+    """
+    before, after = max(float(counts[:at].mean()), 1e-3), max(float(counts[at:].mean()), 1e-3)
+    bunch = max(float(counts[:at].var()) / before, 1.0)
+    passed = np.append(_shares(before, after, 1.0), 1.0)
+    rates = before + passed * (after - before)
+    gains = (counts[earliest:, np.newaxis] * np.log(rates / before) - (rates - before)) / bunch
+    median, lower, upper = moment_of(gains)
+    return earliest + median, earliest + lower, earliest + upper
 
 
 def is_one_ramp(values: NDArray[np.float64], first: int, second: int) -> bool:

@@ -41,16 +41,18 @@ class Span:
     ----------
     block : int
         Block of the onset.
-    onset, lower, upper, found : int
-        Samples: of the onset, its interval, and the last one that was needed to know.
+    onset, lower, upper : float
+        Samples: of the onset, and its interval.
+    found : int
+        The last sample that was needed to know.
     end : int or None
         Sample at which it was over.
     """
 
     block: int
-    onset: int
-    lower: int
-    upper: int
+    onset: float
+    lower: float
+    upper: float
     found: int
     size: float
     end: int | None = None
@@ -190,7 +192,7 @@ class Tracks:
 
     def close(self, track: Track, sample: int) -> None:
         """Note that a change has gone."""
-        track.last.end = max(sample, track.last.onset)
+        track.last.end = max(sample, math.ceil(track.last.onset))
         self.unreported.append((track, "gone"))
 
 
@@ -244,7 +246,7 @@ def event_of(
             span.found / rate_hz,
             None if span.end is None else span.end / rate_hz,
             sized(leading, span.size),
-            span.onset,
+            round(span.onset),
             span.found,
         )
 

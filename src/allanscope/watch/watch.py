@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,15 @@ from allanscope.watch.counts import EARLIER, Burst, RareCounts
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
 from allanscope.watch.lines import LineAlarm, LineCusums
-from allanscope.watch.scan import KEPT_BLOCKS, Alarm, Change, Scan, is_one_ramp, locate
+from allanscope.watch.scan import (
+    KEPT_BLOCKS,
+    Alarm,
+    Change,
+    Scan,
+    is_one_ramp,
+    locate,
+    moment_of_counts,
+)
 from allanscope.watch.summary import (
     FIRST_BIN,
     LANES,
@@ -47,8 +56,17 @@ LEAKAGE_RATIO = 0.3
 """Power that leaks into a bin, in units of the noise there, which a line would be told from."""
 LEVEL_KINDS = ("step", "ramp")
 """Changes of the level of an axis."""
-SCALES = {"variance_change": (3.0, -3.0), "repeated_samples": (2.0, 0.0)}
-"""Power of the values of a series, less a zero, that is a mean over the block; else the values."""
+SCALES = {
+    "variance_change": (3.0, -3.0),
+    "repeated_samples": (2.0, 0.0),
+    "rate_change": (1.0, 0.0, 1.0),
+}
+"""Power of the values of a series, less a zero, that is a mean over the block; else the values.
+Differences of times have no memory."""
+FEWEST_AFTER = 8
+"""Blocks, and at least as many as it took to see a change, after which it is measured again."""
+ANSCOMBE = 0.375
+"""2 sqrt(n + 3/8) of a Poisson count n has a variance of 1 (Anscombe, Biometrika 35, 1948)."""
 NOISE_GUARD_BLOCKS = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
 
@@ -117,6 +135,8 @@ class Watch:
         self._starts = np.zeros(KEPT_BLOCKS, np.int64)
         self._firsts = np.zeros((EARLIER, axes + 2), np.int64)
         self._clock = BlockClock(info.nominal_hz or 100.0)
+        self._late = np.zeros(KEPT_BLOCKS)
+        self._recent: list[_Recent] = []
 
     def ticks(self, position: int, ticks: Ticks) -> None:
         """Take the times of samples, of which the first has this number; before the samples."""
@@ -204,8 +224,9 @@ class Watch:
         firsts = self._firsts[(self.blocks - 1) % len(self._firsts)]
         firsts[:-1], firsts[-1] = self._first_row + known.first, self._first_lost
         series[:axes], series[axes : 2 * axes] = known.level, known.noise
-        series[-2] = 2.0 * math.sqrt(known.repeats + 0.375)
+        series[-2] = 2.0 * math.sqrt(known.repeats + ANSCOMBE)
         series[-1] = self._clock.log_duration(self._position)
+        self._late[self.blocks % KEPT_BLOCKS] = self._clock.late
         self._bursts(*self._rare.update(counts))
         alarms = self._scan.update(series)
         self._follow_lines(known)
@@ -213,6 +234,8 @@ class Watch:
             self._line(found)
         for alarm in alarms:
             self._alarm(alarm)
+        if self._recent:
+            self._measure_again()
         if self.blocks % LEAST_WINDOW == 0:
             self._close_faded()
         if alarms or self.blocks % LEAST_WINDOW == 0:
@@ -226,33 +249,26 @@ class Watch:
             return self._position
         return int(self._starts[max(block, self.blocks - KEPT_BLOCKS, 0) % KEPT_BLOCKS])
 
-    def _span(self, onset: int, lower: int, upper: int, size: float) -> Span:
-        return Span(
-            onset,
-            self._sample(onset),
-            self._sample(lower),
-            self._sample(upper + 1),
-            self._position,
-            size,
-        )
-
     def _between(self, kind: str, first: int, change: Change, size: float) -> Span:
-        """Return the span of a change of a series that begins with a block.
+        """Return the span of a change of a series that begins with a block."""
+        is_rate = kind == "rate_change"
+        onset, lower, upper = (
+            self._moment(first + one, is_rate)
+            for one in (change.moment, change.lower, change.upper)
+        )
+        return Span(first + change.at, onset, lower, upper, self._position, size)
+
+    def _moment(self, place: float, is_rate: bool = False) -> float:
+        """Return the number of a sample within a block.
 
         A rate that changes after the last time within a block is seen in the next one.
         """
-        onset, lower, upper = (
-            self._moment(first + one) for one in (change.moment, change.lower, change.upper)
-        )
-        late = self._clock.late if kind == "rate_change" else 0
-        onset, lower = max(onset - (late + 1) // 2, 0), max(lower - late, 0)
-        return Span(first + change.at, onset, lower, upper, self._position, size)
-
-    def _moment(self, place: float) -> int:
-        """Return the number of a sample within a block."""
         block = math.floor(place)
-        start, stop = self._sample(block), self._sample(block + 1)
-        return start + round((place - block) * (stop - start))
+        start, stop = (
+            self._sample(one) - (self._late[one % KEPT_BLOCKS] if is_rate else 0.0)
+            for one in (block, block + 1)
+        )
+        return max(start + (place - block) * (stop - start), 0.0)
 
     # --- series ---------------------------------------------------------------------------------
 
@@ -271,10 +287,11 @@ class Watch:
         values = self._scan.values(channel, first)
         first = now - len(values)
         spread = self._scan.spread(channel)
-        change = locate(values, len(values) - 4 * alarm.window - 16, spread, *SCALES.get(kind, ()))
+        earliest = len(values) - 4 * alarm.window - 16
+        change = _located(kind, values, earliest, spread)
         at = first + change.at
-        earliest, latest_block = (first + math.floor(one) for one in (change.lower, change.upper))
-        self._scan.restart(channel, min(latest_block + 1, now))  # not in its midst
+        lower, upper = (first + math.floor(one) for one in (change.lower, change.upper))
+        self._scan.restart(channel, min(upper + 1, now))  # not in its midst
         kinds = LEVEL_KINDS if kind == "step" else (kind,)
         after = float(values[change.at :].mean())
         if kind == "repeated_samples" and self._tracks_of(self._axes):
@@ -286,17 +303,37 @@ class Watch:
         latest = self.tracks.open(axis, kinds)[:1] if kind == "step" else []
         if any(self._extend_ramp(channel, track, at, after) for track in latest):
             return
-        if kind == "variance_change" and self._has_another_cause(axis, earliest, at):
+        if kind == "variance_change" and self._has_another_cause(axis, lower, at):
             return
         size = change.size
         if kind == "step":
             self._forget_leakage(axis, size)
             kind = change.kind
-        elif kind == "repeated_samples":
-            size = (after / 2) ** 2 - (change.before / 2) ** 2
         span = self._between(kind, first, change, size)
         window = max(alarm.window, LEAST_WINDOW)
-        self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
+        track = self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
+        due = now + max(now - at, FEWEST_AFTER)
+        restarted = int(self._scan.start[channel])
+        recent = _Recent(track, track.last, kind, channel, restarted, first, earliest, due)
+        self._recent.append(recent)
+
+    def _measure_again(self) -> None:
+        """Locate changes again that were found early: the level after them is better known now.
+
+        One that was found by the block in which it began shows as much of itself as it had left.
+        """
+        for one in [one for one in self._recent if one.due <= self.blocks]:
+            self._recent.remove(one)
+            is_alone = int(self._scan.start[one.channel]) == one.restarted
+            if not (is_alone and one.span is one.track.last and one.track.is_open):
+                continue
+            values = self._scan.values(one.channel, one.first)
+            spread = self._scan.spread(one.channel)
+            change = _located(one.kind, values, one.earliest, spread)
+            if one.kind in LEVEL_KINDS and change.kind != one.kind:
+                continue
+            span = self._between(one.kind, one.first, change, change.size)
+            one.track.spans[-1] = replace(span, found=one.span.found)
 
     def _extend_ramp(self, channel: int, track: Track, at: int, after: float) -> bool:
         """Return whether a change is the next piece of a ramp, and draw the ramp longer then."""
@@ -394,19 +431,17 @@ class Watch:
     # --- lines ----------------------------------------------------------------------------------
 
     def _line(self, found: LineAlarm) -> None:
-        onset = self.blocks - found.since
+        begun = self.blocks - found.since
         length, power = self._summarise.length, of_axis(self._summarise.power, found.axis)
         excess = max(found.ratio - 1.0, 0.1) * float(power[found.bin])
         amplitude = 4.4 / length * math.sqrt(excess)
         self._lines.forget(found.axis)
         self._exclude_bins(found.axis, found.bin)
         for track in self.tracks.open(found.axis, ("sinusoid",)):
-            if abs(track.last.block - onset) <= max(3, found.since // 2):
+            if abs(track.last.block - begun) <= max(3, found.since // 2):
                 return  # a harmonic of the line, or its skirt
-        room = max(2, found.since // 4)
-        span = self._span(
-            onset, max(onset - room, 0), min(onset + room, self.blocks - 1), amplitude
-        )
+        onset, lower, upper = map(self._moment, (found.moment, found.lower, found.upper))
+        span = Span(math.floor(found.moment), onset, lower, upper, self._position, amplitude)
         window = min(max(found.since, LEAST_WINDOW), 256)
         place = float(found.bin + FIRST_BIN)
         track = Track("sinusoid", found.axis, 0.0, window, found.nats, [span], place)
@@ -447,6 +482,45 @@ class Watch:
             ] = 0
 
 
+@dataclass(slots=True)
+class _Recent:
+    """A change of a series that is measured again when more blocks have come.
+
+    Attributes
+    ----------
+    track, span, kind
+        The change, as it was found.
+    channel : int
+        Its series.
+    restarted : int
+        Block from which on that has been compared since.
+    first, earliest : int
+        Block from which on its values are looked at, and the first of them where it may be.
+    due : int
+        Blocks when it is measured again.
+    """
+
+    track: Track
+    span: Span
+    kind: str
+    channel: int
+    restarted: int
+    first: int
+    earliest: int
+    due: int
+
+
+def _located(kind: str, values: NDArray[np.float64], earliest: int, spread: float) -> Change:
+    """Return the change of a series of this kind."""
+    change = locate(values, earliest, spread, *SCALES.get(kind, ()))
+    if kind != "repeated_samples":
+        return change
+    counts = np.maximum((values / 2.0) ** 2 - ANSCOMBE, 0.0)
+    size = (float(values[change.at :].mean()) / 2.0) ** 2 - (change.before / 2.0) ** 2
+    moment, lower, upper = moment_of_counts(counts, max(earliest, 0), change.at)
+    return replace(change, moment=moment, lower=lower, upper=upper, size=size)
+
+
 class BlockClock:
     """How long blocks take, by the times of their samples.
 
@@ -463,7 +537,6 @@ class BlockClock:
 
     def __init__(self, rate_hz: float) -> None:
         self.late = 0
-        self._period_s = 1.0 / rate_hz
         self._nominal_s = 1.0 / rate_hz
         self._positions = np.empty(0, np.int64)
         self._times = np.empty(0)
@@ -489,19 +562,18 @@ class BlockClock:
 
         The value of the block before is held where nothing tells.
         """
-        time_s = self._time_at(end)
-        if time_s is None:
+        tick = self._tick_before(end)
+        if tick is None:
             return self._value
-        last, self._last = self._last, (end, time_s)
-        if last is not None and end > last[0] and time_s > last[1]:
-            period = (time_s - last[1]) / (end - last[0])
+        last, self._last = self._last, tick
+        if last is not None and tick[0] > last[0] and tick[1] > last[1]:
+            period = (tick[1] - last[1]) / (tick[0] - last[0])
             if 0.5 < period / self._nominal_s < 2.0:
-                self._period_s = period
                 self._value = math.log(period / self._nominal_s)
         return self._value
 
-    def _time_at(self, end: int) -> float | None:
-        """Return when the sample `end` is due, by the last time before it.
+    def _tick_before(self, end: int) -> tuple[int, float] | None:
+        """Return the last sample before `end` of which the time is known, and that.
 
         Later ones may not be here yet, and what is found must not depend on that.
         """
@@ -519,4 +591,4 @@ class BlockClock:
         if end - position > 1.0 / self._nominal_s:
             return None
         self.late = end - position
-        return time_s + self.late * self._period_s
+        return position, time_s

@@ -25,6 +25,7 @@ from allanscope.explain.effects import (
     sinusoid,
     step,
     variance_change,
+    warm_up,
 )
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
@@ -154,6 +155,22 @@ def test_a_jump_is_anywhere_between_its_row_and_the_one_before():
     for one in (*ranks.values(), lengths):
         assert len(one) > 40
         assert chance(one) > 0.05
+
+
+def test_what_a_warm_up_takes_of_the_noise_is_put_back():
+    """Two numbers have taken their part of the few ordinates by which a random walk is known.
+
+    Without it 78 % of these intervals of the amplitude hold the truth, with it 89 %.
+    """
+    rng, n, ranks = np.random.default_rng(33), 2048, []
+    t = np.arange(n) / RATE
+    for _ in range(150):
+        size, tc = np.exp(rng.uniform(np.log(3.0), np.log(10.0))), rng.uniform(12.0, 40.0)
+        noise = rng.standard_normal(n) + np.cumsum(rng.normal(0, 0.02, n))
+        for found in warm_up.WarmUp.propose(view_of(noise + size * np.exp(-t / tc))):
+            ranks.append(rank(found.effect.amplitude, size))
+    assert len(ranks) == 150
+    assert np.mean(np.abs(np.array(ranks) - 0.5) < 0.475) > 0.85
 
 
 def test_hops_that_are_seen_have_the_size_of_their_path():

@@ -172,15 +172,25 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     low (no random walk was seen) it promises several times too much: off the maximum the noise
     would have come out higher. Each amplitude is moved to where the likelihood, the noise fitted
     again, has dropped as far as it does at 95 %, and the covariance is scaled to reach there.
+
+    Where few ordinates tell the noise, what p amplitudes have taken of it is missed. What it is
+    expected to be is put back: restricted maximum likelihood (Patterson and Thompson, Biometrika
+    58, 1971) by expectation and maximisation in turn.
     """
     m, power = columns.shape[1], view.power.copy()
-    _, binned = _low_bins(view.grid, view.spectrum.excluded, m)
-    d = view.ordinates[:m]
+    kept, binned = _low_bins(view.grid, view.spectrum.excluded, m)
+    d, covariance, powers = view.ordinates[:m], fit.covariance, fit.powers
 
     def loglik(amplitude: Array) -> float:
-        means = binned((d - amplitude @ columns) ** 2)
+        taken = np.sum(columns * (covariance @ columns), axis=0)
+        means = binned((d - amplitude @ columns) ** 2 + taken)
         power[: len(means)] = means
-        return view.fitter.loglik(power, fit.powers)
+        return view.fitter.loglik(power, powers)
+
+    for _ in range(_ROUNDS):
+        loglik(fit.amplitude)
+        powers, _ = view.fitter.powers(power, powers)
+        covariance = _inverse((columns * kept / view.fitter.first(powers, m)) @ columns.T)
 
     top = loglik(fit.amplitude)
 
@@ -188,12 +198,12 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
         return top - loglik(fit.amplitude + distance * step)
 
     factors = np.ones(len(columns))
-    for j, variance in enumerate(np.diag(fit.covariance)):
+    for j, variance in enumerate(np.diag(covariance)):
         if variance > 0:
-            step = fit.covariance[j] / np.sqrt(variance)  # the others go along
+            step = covariance[j] / np.sqrt(variance)  # the others go along
             sides = [reach_at_95(partial(drop, step)), reach_at_95(partial(drop, -step))]
             factors[j] = max(1.0, float(np.mean(sides)) / TWO_SIDED_95)
-    return np.asarray(fit.covariance * np.outer(factors, factors))
+    return np.asarray(covariance * np.outer(factors, factors))
 
 
 def reach_at_95(drop: Callable[[float], float]) -> float:

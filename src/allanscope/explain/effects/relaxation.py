@@ -48,7 +48,7 @@ _REACH = 20
 """Rows to each side of the best, at the least: so far every row is one of them."""
 _STEP, _LEAP = 0.02, 0.4
 """Of ln tau: over which derivatives are taken, and the most that it moves in one turn."""
-_CREEPS = 4.0
+_CREEPS = 3.5
 """Standard errors that the creeping part is at least: else it is a step."""
 
 

@@ -58,6 +58,8 @@ ALSO = {
     "outliers": {"shock"},
 }
 """Names of the same spectrum, or of neighbouring outliers."""
+QUIET = {"ism330dhcx-fan-on": "ism330dhcx-fan-off"}
+"""The record of the same board, at the same settings, in which its low-pass is not hidden."""
 PIECE_ROWS, MOST_KNOWN = 50_000, 4
 STEPS = 1.5
 """Least scatter of the differences in steps: noise within one step is another benchmark's."""
@@ -127,6 +129,7 @@ class Kept:
 
 def carriers(paths: list[Path], axes: tuple[str, ...] = ()) -> Iterator[Carrier]:
     """Yield the axes on which little is found; of some axes only where they are named."""
+    filters: dict[str, tuple[Effect, ...]] = {}
     for path in paths:
         record = allanscope.analyse(path, rate=samples_of(path).stated_hz).record
         if record is None or record.stride > 1 or len(record.segments) > 1:
@@ -137,7 +140,10 @@ def carriers(paths: list[Path], axes: tuple[str, ...] = ()) -> Iterator[Carrier]
                 name = f"{path.stem} {axis}" + f" {k + 1}" * (len(pieces) > 1)
                 one = _carrier(piece, name)
                 if one is not None:
-                    yield one
+                    effects = one.known.effects
+                    filters[name] = tuple(e for e in effects if e.kind == "band_limit")
+                    hidden = filters.get(f"{QUIET.get(path.stem, '')} {axis}", ())
+                    yield replace(one, known=replace(one.known, effects=effects + hidden))
 
 
 def _pieces(record: Record, axis: str) -> list[Record]:

@@ -35,6 +35,10 @@ LONG_S = 200.0
 """What relaxes or follows a room takes so long at the least."""
 COHERENCES = 15.0
 """Of a noise band in a record: fewer do not show that it is noise."""
+DRIFT = 0.004
+"""Width over frequency of a line that drifts."""
+BEGINNINGS = ((0.0, -4.0, -4.0), (0.0, 0.0, -4.0), (0.0, -12.0, 0.0), (0.0, 6.0, 6.0))
+"""Logarithms of N, B and K from which the likeliest are searched: from one alone it sticks."""
 LONGEST_EXCURSION = 0.2
 """As a share of a record."""
 
@@ -122,8 +126,9 @@ class Injector(Maker):
         return {"frequency": f, "amplitude": a}, a * wave
 
     def drifting_line(self, times, _noise, _others):
-        f = float(np.exp(self.rng.uniform(np.log(0.5), np.log(0.4 * self.rate))))
-        width = 0.004 * f
+        lowest = max(0.5, 1 / (DRIFT * self.duration))  # below, it does not drift in this record
+        f = float(np.exp(self.rng.uniform(np.log(lowest), np.log(0.4 * self.rate))))
+        width = DRIFT * f
         pole = np.exp((-np.pi * width + 2j * np.pi * f) / self.rate)
         shape = ringing(self.rng, self.n, pole, 1.0)
         size = times * self._own(shape, 8.0)
@@ -374,13 +379,12 @@ class Injector(Maker):
             truth = noise + scale * shape
 
             def divergence(log: Array) -> float:
-                level, flicker, walk = np.exp(np.clip(log, -12, 12))
+                level, flicker, walk = np.exp(np.clip(log, -12, 24))
                 r = truth / (level * noise + flicker * walks[0] + walk * walks[1])
                 return float(np.sum(count * 0.5 * (r - 1 - np.log(r))))
 
-            begin = np.array([0.0, -4.0, -4.0])
-            best = minimize(divergence, begin, method="Nelder-Mead", options={"maxiter": 400})
-            return float(best.fun)
+            ends = (minimize(divergence, one, method="Nelder-Mead").fun for one in BEGINNINGS)
+            return float(min(ends))
 
         most = max(np.geomspace(1e-3, 1e6, 19), key=left)
         if left(most) < nats:

@@ -31,9 +31,12 @@ Span = tuple[float, float]
 
 _SHORTEST_S, _SHORTEST_FOUND_S = 5.0, 2.0
 """Of what is scanned, and of what two steps are; a shorter one is a shock or an outlier."""
-_LONGEST = 0.12
+_LONGEST, _SHORT = 0.12, 1.6
 """Longest duration that is scanned, as a share of the record: beyond, its edges are found first
-(`moves.fold`)."""
+(`moves.fold`). In a short record, where few edges are far enough from its ends, in units of the
+shortest."""
+_BESIDE = 4
+"""Part of its length for which the level is seen before and after it, at the least."""
 _PROPOSALS = 2
 """Of the highest in the scan, that are fitted in full."""
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
@@ -195,10 +198,12 @@ def _boxes(view: View) -> list[tuple[int, int]]:
     n, rate = view.grid.n, view.grid.rate_hz
     cell = max(1, n // view.grid.low)
     scan = view.scan
-    width, longest = max(2 * cell, int(_SHORTEST_S * rate)), int(_LONGEST * n)
+    width = max(2 * cell, int(_SHORTEST_S * rate))
+    longest = max(int(_LONGEST * n), int(_SHORT * width))
     found = []
     while width <= longest:
-        first = np.arange(width, n - 2 * width, cell)
+        beside = width // _BESIDE
+        first = np.arange(beside, n - width - beside, cell)
         if len(first):
             gains = scan.box(first, first + width)
             j = int(np.argmax(gains))

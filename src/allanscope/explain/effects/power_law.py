@@ -19,7 +19,7 @@ import numpy as np
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.effects.band_limit import low_pass_instead
+from allanscope.explain.effects.band_limit import BandLimit, low_pass_instead
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.stationarity import UNSTEADY
@@ -102,6 +102,13 @@ class PowerLaw(EffectKind):
         if self.exponent.value < _AT_THE_END * _LEAST or (self.exponent.lower or 0.0) <= 0:
             return None
         return lasting(view, candidate, UNSTEADY)
+
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Refuse a low-pass beyond Nyquist: how noise without a corner is sampled bends its top."""
+        del known
+        low_pass = other.effect
+        beyond = isinstance(low_pass, BandLimit) and low_pass.cutoff.value > view.grid.rate_hz / 2
+        return "the top of a power law" if beyond else ""
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another slope is the same hypothesis: it always is."""

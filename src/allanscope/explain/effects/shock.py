@@ -40,6 +40,9 @@ _OFF_ROWS = 12
 """Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
 _MARGIN_S = 0.3
 """Before and after what is loud, taken out too."""
+_LOUD_PEAK, _LEAST_LOUD, _LOST, _FALLEN = 20.0, 6.0, 0.3, 0.3
+"""Sigma of the peak from which its decay is told, at which it is no longer loud, and at which the
+ringing is lost in the noise; part of its peak to which it has fallen in its last quarter."""
 _ALIKE_ROWS, _ALIKE_SIZES = 50, 4
 """Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
 _LEVELS = 3.0
@@ -142,7 +145,8 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate | None:
     if _goes_on(view.data, shaken.first, shaken.stop, sigma):
         return None
     margin = int(np.ceil(_MARGIN_S * rate))
-    first, stop = max(0, shaken.first - margin), min(n, shaken.stop + margin)
+    first = max(0, shaken.first - margin)
+    stop = min(n, shaken.stop + max(margin, _tail(view.data, shaken.first, shaken.stop, sigma)))
     rest, level = _quiet(view.data, first, stop, sigma)
     signal = np.zeros(n)
     signal[first:stop] = view.data[first:stop] - rest
@@ -176,6 +180,20 @@ def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:
     one, other = sorted(float(np.sum((side - np.median(side)) ** 2)) for side in sides)
     lasts = other - one > _SWITCHED * 2.0 * sigma**2 * np.sqrt(size)
     return bool(lasts and inside - other < _HALF * (inside - one))
+
+
+def _tail(data: Array, first: int, stop: int, sigma: float) -> int:
+    """Return the rows for which a loud shock rings on below what is loud; 0 where it does not ring.
+
+    What falls exponentially from its peak is no longer loud after some decay times, and rings until
+    it is lost in the noise; not longer than it was loud.
+    """
+    size = np.abs(data[first:stop] - np.median(data)) / sigma
+    peak, end = float(size.max()), float(size[-(len(size) // 4) - 1 :].max())
+    if peak < _LOUD_PEAK or end > _FALLEN * peak:
+        return 0
+    decay = (stop - first) / np.log(peak / _LEAST_LOUD)
+    return int(min(np.log(_LEAST_LOUD / _LOST) * decay, stop - first))
 
 
 def _peak(size: Array, sigma: float, unit: str) -> Estimate:

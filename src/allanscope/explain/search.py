@@ -31,6 +31,7 @@ from allanscope.explain.moves.add import (
 )
 from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
+from allanscope.explain.moves.give_back import give_back
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
 from allanscope.explain.moves.resolve_tones import resolve_tones
@@ -138,7 +139,8 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
             folded = fold_sidebands(added, path)
             view = split_bands(folded, path)
             former = candidates if view is folded else []
-            view = _fitted(view, path) if stage >= _LEVEL_AND_SPECTRUM else view
+            if stage >= _LEVEL_AND_SPECTRUM:
+                view = _fitted(give_back(view, path), path)
         elif main and (beside := add_beside(view, kinds, candidates, path)) is not None:
             view, former = _fitted(beside, path), []
         elif main and (bundle := add_bundle(view, kinds, candidates, path)) is not None:

@@ -36,7 +36,8 @@ _LONGEST, _SHORT = 0.12, 1.6
 (`moves.fold`). In a short record, where few edges are far enough from its ends, in units of the
 shortest."""
 _BESIDE = 4
-"""Part of its length for which the level is seen before and after it, at the least."""
+"""Part of its length for which the level is seen before and after it in a short record, at the
+least; in any other its whole length."""
 _PROPOSALS = 2
 """Of the highest in the scan, that are fitted in full."""
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
@@ -199,10 +200,12 @@ def _boxes(view: View) -> list[tuple[int, int]]:
     cell = max(1, n // view.grid.low)
     scan = view.scan
     width = max(2 * cell, int(_SHORTEST_S * rate))
-    longest = max(int(_LONGEST * n), int(_SHORT * width))
+    longest, is_short = int(_LONGEST * n), _LONGEST * n < width
+    if is_short:
+        longest = int(_SHORT * width)
     found = []
     while width <= longest:
-        beside = width // _BESIDE
+        beside = width // _BESIDE if is_short else width
         first = np.arange(beside, n - width - beside, cell)
         if len(first):
             gains = scan.box(first, first + width)

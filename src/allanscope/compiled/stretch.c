@@ -3,9 +3,8 @@
    The low rungs do nearly all of the work, and to keep their entries as doubles costs as much as most
    terms: sums of doubles wait for each other longer, frames are moved, entries are carried from one
    frame to another, and made whole numbers in the end. Modulo 2^32 no frame has to move, and what a
-   rung hands up is every second entry. So as long as nothing happens to the doubles of these rungs (a
-   mark, another offset), they are left alone, and written once at the end, with the bits that they
-   would have. */
+   rung hands up is every second entry. So as long as these rungs keep their offsets their doubles are
+   left alone, and written once at the end, with the bits that they would have. */
 
 enum { LOW_RUNGS = 3, ALIGNED = BATCH << LOW_RUNGS, LONGEST_STRETCH = 1 << 17 };
 
@@ -18,18 +17,16 @@ typedef struct {
     int64_t stride;
     sizes known;            /* of the history */
     double lowest, highest; /* of the phase in the history, seen from its last entry */
+    int64_t due;            /* entries with which the next mark is done */
 } low_rung;
 
-/* Samples, from the next one on, that may be taken in so: those in which no low rung has a mark to
-   note, and no batch whose number is a power of two. */
+/* Samples, from the next one on, that may be taken in so: those before the next batch whose number is a
+   power of two. */
 static int64_t undisturbed(const ladder *l, int64_t n, int64_t taken) {
     int64_t number = taken / ALIGNED, many = least(n, LONGEST_STRETCH) / ALIGNED, power = 1;
     if (taken % ALIGNED || number == 0 || l->levels <= LOW_RUNGS) return 0;
     while (power <= number) power *= 2;
     many = least(many, power - 1 - number);
-    for (int64_t level = 0; level < LOW_RUNGS; level++)
-        if (l->due[level] != INT64_MAX)
-            many = least(many, (((done_at(l->due[level], level) - 1) << level) - taken) / ALIGNED);
     return many > 0 ? many * ALIGNED : 0;
 }
 
@@ -52,10 +49,19 @@ static int64_t fit_rungs_of_all(const ladder *l, int64_t first, int64_t many, co
     return fit;
 }
 
+/* Entries, more than so many, with which the next mark of a rung is done. */
+static int64_t next_due(const ladder *l, int64_t level, int64_t entries) {
+    int64_t due = INT64_MAX;
+    for (const int64_t *mark = l->marks + level * l->slots, *end = mark + l->slots; mark < end; mark++)
+        if (*mark >= 0 && done_at(*mark, level) > entries) due = least(due, done_at(*mark, level));
+    return due;
+}
+
 /* Take the history of a rung of doubles. As small as its steps are, nothing in it is far from its
    origin. */
 static void begin_low(const ladder *l, int64_t axis, int64_t level, low_rung *to) {
     double range;
+    to->due = next_due(l, level, 0);
     to->at = BATCH, to->stride = (int64_t)1 << level, to->known = l->known[axis % GROUP][level];
     whole_entries(rung_of(l, axis, level), to->stride, 0, BATCH, &to->in, &range);
     to->lowest = to->highest = 0.0;
@@ -157,6 +163,16 @@ static void as_doubles(const low_rung *from, int64_t first, int64_t apart, doubl
     }
 }
 
+/* Note the marks whose last term has come: it takes the phase alone, which is near its origin. */
+static void note_low_marks(ladder *l, int64_t axis, int64_t level, int64_t before, low_rung *own) {
+    const uint32_t *x = (const uint32_t *)own->in.x + own->at - BATCH, origin = x[BATCH - 1];
+    double *rung = rung_of(l, axis, level);
+    if (own->due > before + BATCH) return;
+    for (int32_t j = 0; j < ENTRIES; j++) rung[j] = (double)(int32_t)(x[j] - origin);
+    note_marks(l, axis, level, before, BATCH, 0);
+    own->due = next_due(l, level, before + BATCH);
+}
+
 /* Add all terms that end in the new entries, of which `before` came before. */
 static void spend_low(const ladder *l, int64_t axis, int64_t level, int64_t before, low_rung *own) {
     const int64_t *lags = l->lags + l->first[level], count = l->first[level + 1] - l->first[level];
@@ -184,21 +200,35 @@ static void spend_low(const ladder *l, int64_t axis, int64_t level, int64_t befo
     own->known = new, own->lowest = (double)lowest - moved, own->highest = (double)highest - moved;
 }
 
+/* Every second of sixteen numbers, and what is `more` times a count above them. */
+static inline void put_above(const int32_t *from, __m256i more, __m256i count, int32_t *to) {
+    __m256 low = _mm256_castsi256_ps(entries_at(from)), high = _mm256_castsi256_ps(entries_at(from + AT_ONCE));
+    __m256i both = _mm256_castps_si256(_mm256_shuffle_ps(low, high, _MM_SHUFFLE(3, 1, 3, 1)));
+    both = _mm256_permute4x64_epi64(both, _MM_SHUFFLE(3, 1, 2, 0));
+    _mm256_storeu_si256((__m256i *)to, _mm256_add_epi32(both, _mm256_mullo_epi32(more, count)));
+}
+
 /* Hand every second new entry up: `passed` samples of the stretch came before them, and samples there
-   lie `more` above those here. */
+   lie `more` above those here. With sums of 1, i and i^2 over the samples before it is what `with_offset`
+   adds, from `passed` on. */
 static void hand_up_low(const low_rung *from, int64_t half, int64_t passed, int64_t more, low_rung *to) {
     const int32_t *x = from->in.x + from->at, *z = from->in.z + from->at, *q = from->in.q + from->at;
-    int64_t at = to->at + half;
-    int32_t *xs = to->in.x + at, *zs = to->in.z + at, *qs = to->in.q + at;
-    uint32_t stride = (uint32_t)to->stride, m = (uint32_t)more, t = (uint32_t)passed;
-    /* Sums of 1, i and i^2 over the samples before: what `with_offset` adds, from t on. */
-    uint32_t first = (uint32_t)(passed * (passed - 1) / 2);
-    uint32_t second = (uint32_t)((passed - 1) * passed / 2 * (2 * passed - 1) / 3);
-    for (int32_t j = 0; j < BATCH / 2; j++) {
-        uint32_t s = (uint32_t)(j + 1) * stride, i = s * (s - 1) / 2, ii = (s - 1) * s * (2 * s - 1) / 6;
-        xs[j] = (int32_t)((uint32_t)x[2 * j + 1] + m * (t + s));
-        zs[j] = (int32_t)((uint32_t)z[2 * j + 1] + m * (first + t * s + i));
-        qs[j] = (int32_t)((uint32_t)q[2 * j + 1] + m * (second + t * t * s + 2 * t * i + ii));
+    int64_t at = to->at + half, squares = (passed - 1) * passed / 2 * (2 * passed - 1) / 3;
+    const __m256i m = _mm256_set1_epi32((int32_t)more), t = _mm256_set1_epi32((int32_t)passed);
+    const __m256i first = _mm256_set1_epi32((int32_t)(passed * (passed - 1) / 2));
+    const __m256i second = _mm256_set1_epi32((int32_t)squares), one = _mm256_set1_epi32(1);
+    const __m256i third = _mm256_set1_epi32((int32_t)0xAAAAAAABu); /* modulo 2^32, of a multiple of 3 */
+    const __m256i stride = _mm256_set1_epi32((int32_t)to->stride);
+    __m256i s = _mm256_mullo_epi32(_mm256_setr_epi32(1, 2, 3, 4, 5, 6, 7, 8), stride);
+    for (int64_t j = 0; j < BATCH / 2; j += AT_ONCE) {
+        __m256i i = _mm256_srli_epi32(_mm256_mullo_epi32(s, _mm256_sub_epi32(s, one)), 1);
+        __m256i ii = _mm256_mullo_epi32(_mm256_sub_epi32(_mm256_add_epi32(s, s), one), third);
+        __m256i ts = _mm256_mullo_epi32(t, s), ti = _mm256_mullo_epi32(t, _mm256_add_epi32(ts, _mm256_add_epi32(i, i)));
+        ii = _mm256_add_epi32(_mm256_mullo_epi32(i, ii), ti);
+        put_above(x + 2 * j, m, _mm256_add_epi32(t, s), to->in.x + at + j);
+        put_above(z + 2 * j, m, _mm256_add_epi32(_mm256_add_epi32(first, ts), i), to->in.z + at + j);
+        put_above(q + 2 * j, m, _mm256_add_epi32(second, ii), to->in.q + at + j);
+        s = _mm256_add_epi32(s, _mm256_slli_epi32(stride, 3));
     }
 }
 
@@ -229,6 +259,7 @@ static void take_in_stretch(
             int64_t before = (batches - 1) * BATCH;
             int is_last = done + BATCH == n, is_highest = level + 1 == fit;
             double *rung = rung_of(l, axis, level);
+            note_low_marks(l, axis, level, before, own);
             spend_low(l, axis, level, before, own);
             /* Handed up is every second entry; at the end all are. */
             if (is_last || is_highest) as_doubles(own, BATCH - 1, is_last ? 1 : 2, rung);

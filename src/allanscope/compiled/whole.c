@@ -16,7 +16,7 @@ enum {
     MOST_GATHERED = 1296, /* of every lag up to the longest: 256 / k + 1, and three before; a register */
     AT_MOST = 4 /* registers of squares that are added in 32 bits: two of each lane's */
 };
-#define LARGEST_SUM ((int64_t)1 << 53)
+#define LARGEST_SUM 0x1p53
 #define WHOLE 6755399441055744.0 /* 1.5 x 2^52: a sum with it has no digits after the point */
 #define MOST_BEND 1.8e8          /* 256 squares of it fit in 63 bits */
 #define MOST_DISTANCE 1e15       /* twice it is below 2^51 */
@@ -192,6 +192,23 @@ static inline __m256i with_narrow(__m256i sums, __m256i narrow) {
     return _mm256_add_epi64(sums, _mm256_add_epi64(low, _mm256_srli_epi64(narrow, 32)));
 }
 
+/* Sums of the lanes of four registers, as doubles: exact below 2^53. */
+static inline __m256d totals_of(__m256i a, __m256i b, __m256i c, __m256i d) {
+    __m256i ab = _mm256_add_epi64(_mm256_unpacklo_epi64(a, b), _mm256_unpackhi_epi64(a, b));
+    __m256i cd = _mm256_add_epi64(_mm256_unpacklo_epi64(c, d), _mm256_unpackhi_epi64(c, d));
+    __m256i low = _mm256_permute2x128_si256(ab, cd, 0x20), high = _mm256_permute2x128_si256(ab, cd, 0x31);
+    __m256i all = _mm256_add_epi64(low, high);
+    /* Each half beside a power of two that leaves it the last digits of a double. */
+    const __m256i of_low = _mm256_set1_epi64x(0x4330000000000000), of_high = _mm256_set1_epi64x(0x4530000000000000);
+    __m256d upper = _mm256_castsi256_pd(_mm256_or_si256(_mm256_srli_epi64(all, 32), of_high));
+    __m256d lower = _mm256_castsi256_pd(_mm256_blend_epi32(all, of_low, 0xAA));
+    return _mm256_add_pd(_mm256_sub_pd(upper, _mm256_set1_pd(0x1p84 + 0x1p52)), lower);
+}
+
+static inline void add_four(double *to, __m256d values) {
+    _mm256_storeu_pd(to, _mm256_add_pd(_mm256_loadu_pd(to), values));
+}
+
 static inline int64_t total_of(__m256i sums) {
     __m128i two = _mm_add_epi64(_mm256_castsi256_si128(sums), _mm256_extracti128_si256(sums, 1));
     return _mm_cvtsi128_si64(_mm_add_epi64(two, _mm_unpackhi_epi64(two, two)));
@@ -210,21 +227,23 @@ static inline int64_t most_narrow(__m256i v) {
     __m256i w = subtract(x0, x1), before = subtract(x1, x2), d = subtract(w, before);            \
     __m256i h = subtract(d, subtract(before, subtract(x2, x3)));
 
-/* Squares of w, d and h. */
-static void squares_of_phase(const whole *own, int64_t k, int is_narrow, int64_t *found) {
+/* Squares of w, d and h. In 16 bits those of w and d, of half the size, fit in 32 for a whole batch. */
+static inline void squares_of_phase(const whole *own, int64_t k, int is_narrow, __m256i *found) {
     __m256i ww = _mm256_setzero_si256(), dd = ww, hh = ww;
     if (is_narrow) {
 #define LOAD(lags) _mm256_loadu_si256((const __m256i *)(own->x_low + j - (lags)*k))
+        __m256i w_s = ww, d_s = ww;
         for (int64_t j = BATCH; j < ENTRIES;) {
-            __m256i w_s = _mm256_setzero_si256(), d_s = w_s, h_s = w_s;
+            __m256i h_s = _mm256_setzero_si256();
             for (int i = 0; i < AT_MOST; i++, j += 2 * AT_ONCE) {
                 PHASE_TERMS(LOAD, _mm256_sub_epi16)
                 w_s = _mm256_add_epi32(w_s, _mm256_madd_epi16(w, w));
                 d_s = _mm256_add_epi32(d_s, _mm256_madd_epi16(d, d));
                 h_s = _mm256_add_epi32(h_s, _mm256_madd_epi16(h, h));
             }
-            ww = with_narrow(ww, w_s), dd = with_narrow(dd, d_s), hh = with_narrow(hh, h_s);
+            hh = with_narrow(hh, h_s);
         }
+        ww = with_narrow(ww, w_s), dd = with_narrow(dd, d_s);
 #undef LOAD
     } else {
 #define LOAD(lags) entries_at(own->x + j - (lags)*k)
@@ -234,7 +253,7 @@ static void squares_of_phase(const whole *own, int64_t k, int is_narrow, int64_t
         }
 #undef LOAD
     }
-    found[0] = total_of(ww), found[1] = total_of(dd), found[2] = total_of(hh);
+    found[0] = ww, found[1] = dd, found[2] = hh;
 }
 
 #define LOAD(p, lags) _mm256_loadu_si256((const __m256i *)((p) + j - (lags)*k))
@@ -245,7 +264,7 @@ static void squares_of_phase(const whole *own, int64_t k, int is_narrow, int64_t
     __m256i e = subtract(subtract(LOAD(y, 0), LOAD(y, 3)), add(inner, add(inner, inner)));
 
 /* Squares of e in 16 bits; `most` receives the largest size that is found in them. */
-static int64_t squares_of_narrow_e(const whole *own, int64_t k, int64_t *most) {
+static inline __m256i squares_of_narrow_e(const whole *own, int64_t k, int64_t *most) {
     __m256i ee = _mm256_setzero_si256(), sizes = ee;
     for (int64_t j = BATCH; j < ENTRIES;) {
         __m256i sum = _mm256_setzero_si256();
@@ -257,20 +276,20 @@ static int64_t squares_of_narrow_e(const whole *own, int64_t k, int64_t *most) {
         ee = with_narrow(ee, sum);
     }
     *most = most_narrow(sizes);
-    return total_of(ee);
+    return ee;
 }
 
 /* Squares of e. Most fit in 16 bits far beyond what bounds promise. On rung 0 that can be seen: from
    one term to the next e moves by h. Where the first is right, and no size exceeds NARROW, a term
    that is not would have come from its neighbour in a step of 2^16 - 2 NARROW or more. */
-static int64_t squares_of_e(const whole *own, int64_t k, double h_most) {
+static inline __m256i squares_of_e(const whole *own, int64_t k, double h_most) {
     const int32_t *y = own->with_x + BATCH;
     double bound = 2.0 * (double)k * (double)k * own->curve;
     int64_t most, inner = (int64_t)y[-k] - y[-2 * k];
     int32_t first = (int32_t)(uint32_t)((int64_t)y[0] - y[-3 * k] - 3 * inner);
     int continues = own->stride == 1 && h_most < 65536.0 - 2.0 * NARROW && first <= NARROW && first >= -NARROW;
     if (bound <= NARROW || continues) {
-        int64_t narrow = squares_of_narrow_e(own, k, &most);
+        __m256i narrow = squares_of_narrow_e(own, k, &most);
         if (bound <= NARROW || most <= NARROW) return narrow;
     }
     __m256i ee = _mm256_setzero_si256();
@@ -278,7 +297,7 @@ static int64_t squares_of_e(const whole *own, int64_t k, double h_most) {
         E_TERMS(own->with_x, _mm256_add_epi32, _mm256_sub_epi32)
         ee = with_squares(ee, e);
     }
-    return total_of(ee);
+    return ee;
 }
 
 /* 2 r, with either width of entries. */
@@ -323,30 +342,35 @@ static inline int is_narrow(const whole *own, int64_t k) { return 4.0 * largest_
 /* Add the overlapping terms that end in the new entries; return 0, having added nothing, where
    doubles would round. */
 static int whole_overlap(const whole *own, int64_t k, double *total) {
-    int64_t phase[3], sums[2] = {squares_of_e(own, k, 4.0 * largest_rise(own, k)), squares_of_r(own, k)};
-    if (sums[0] >= LARGEST_SUM || sums[1] >= LARGEST_SUM) return 0;
+    __m256i phase[3], ee = squares_of_e(own, k, 4.0 * largest_rise(own, k));
+    double of_r = (double)squares_of_r(own, k);
     squares_of_phase(own, k, is_narrow(own, k), phase);
+    lanes sums = (lanes)totals_of(phase[0], phase[1], phase[2], ee);
+    if (sums[3] >= LARGEST_SUM || of_r >= LARGEST_SUM) return 0;
     total[OSTDEV_MOMENTS] += (double)BATCH;
     total[OSTDEV_MOMENTS + 1] += (double)own->rises[k];
-    total[OSTDEV] += (double)phase[0];
-    total[OADEV] += (double)phase[1];
-    total[OHDEV] += (double)phase[2];
-    total[MDEV] += (double)sums[0];
-    total[PDEV] += 0.25 * (double)sums[1];
+    add_four(total + OSTDEV, (__m256d)sums);
+    total[PDEV] += 0.25 * of_r;
     if (k == 1) {
         total[STDEV_MOMENTS] += (double)BATCH;
         total[STDEV_MOMENTS + 1] += (double)own->rises[k];
-        total[STDEV] += (double)phase[0];
-        total[ADEV] += (double)phase[1];
-        total[HDEV] += (double)phase[2];
+        total[STDEV] += sums[0];
+        total[ADEV] += sums[1];
+        total[HDEV] += sums[2];
     }
     return 1;
 }
 
-/* Gather each k-th of the new entries from `first` on, and three before them; return how many. */
-static int64_t gather_apart(const whole *own, int64_t first, int64_t k, int16_t *room) {
+/* Gather each k-th of the new entries from `first` on, and three before them; return how many. Of a
+   power of two they are every second of what was gathered of `half`, but for the first. */
+static int64_t gather_apart(const whole *own, int64_t first, int64_t k, const int16_t *half, int16_t *room) {
     int64_t n = first < ENTRIES ? (ENTRIES - first + k - 1) / k : 0;
     const int16_t *from = own->x_low + first - 3 * k;
+    if (half != NULL) {
+        room[0] = from[0];
+        for (int64_t i = 0; i < n + 2; i++) room[i + 1] = half[2 * i];
+        return n;
+    }
     for (int64_t i = 0; i < n + 3; i++) room[i] = from[i * k];
     return n;
 }
@@ -369,9 +393,7 @@ static void whole_apart(const int16_t *room, int64_t n, int64_t rise, double *to
 #undef LOAD
     total[STDEV_MOMENTS] += (double)n;
     total[STDEV_MOMENTS + 1] += (double)rise;
-    total[STDEV] += (double)total_of(ww);
-    total[ADEV] += (double)total_of(dd);
-    total[HDEV] += (double)total_of(hh);
+    add_four(total + STDEV, totals_of(ww, dd, hh, _mm256_setzero_si256()));
 }
 
 /* Add all terms that end in the new entries, of which `before` came before; bit t of the masks tells
@@ -380,14 +402,17 @@ static void add_whole(
     const whole *own, int64_t before, const int64_t *lags, int64_t count, double *sums,
     uint64_t *overlapping, uint64_t *apart) {
     int16_t rooms[MOST_GATHERED];
-    int64_t gathered[LONGEST_LAG], rises[LONGEST_LAG], used = 0;
+    int64_t gathered[LONGEST_LAG], rises[LONGEST_LAG], used = 0, power = lags[0];
+    const int16_t *half = own->x_low + BATCH - 3;
     for (int64_t t = 0; t < count; t++)
         if (whole_overlap(own, lags[t], sums + t * WIDTH)) *overlapping |= (uint64_t)1 << t;
     *apart = *overlapping & (lags[0] == 1);
     /* All are gathered before the first is read: a register waits for what was stored in pieces. */
     for (int64_t t = lags[0] == 1; t < count && is_narrow(own, lags[t]); t++) {
         int64_t k = lags[t], start = BATCH - 1 + k - before % k;
-        gathered[t] = gather_apart(own, start, k, rooms + used);
+        int follows = lags[0] == 1 && k == 2 * power;
+        gathered[t] = gather_apart(own, start, k, follows ? half : NULL, rooms + used);
+        if (follows) half = rooms + used, power = k;
         rises[t] = 0;
         if (gathered[t] > 0) {
             uint32_t last = (uint32_t)own->x[start + (gathered[t] - 1) * k];

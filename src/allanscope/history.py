@@ -49,9 +49,10 @@ _rows_of_float64 = kernel("history_rows_float64", Pointer(np.float64, 2), *_ROWS
 
 _halved = kernel(
     "history_halve",
+    *(Pointer(np.float64, 2), Pointer(np.float64, 1), Pointer(np.int64, 1), Pointer(np.int64, 1)),
+    *(int, int),
     *(Pointer(np.float64, 2, written=True), Pointer(np.float64, 1, written=True)),
     *(Pointer(np.int64, 1, written=True), Pointer(np.int64, 1, written=True)),
-    *(int, int),
     returns=int,
 )
 """Join rows (sums, temperature, position, segment) of a segment in pairs; return how many."""
@@ -257,24 +258,27 @@ class History:
             *(samples, len(samples), temperature, len(temperature), self.axes, self.stride),
             *(self._part, self._filled, self._sums[new], self._temperature[new]),
         )
-        self._position[new] = self._next + self.stride * np.arange(whole)
+        after = self._next + self.stride * whole
+        self._position[new] = np.arange(self._next, after, self.stride)
         self._segment[new] = self._gaps
         self._used += whole
-        self._next += whole * self.stride
+        self._next = after
         self._filled = have % self.stride
 
     def _grow(self, needed: int) -> None:
         """Make room for rows that come."""
         if needed > len(self._sums):
-            self._renew()
+            old, new = self._table(), self._empty_table()
+            for name, held, room in zip(_TABLE, old, new, strict=True):
+                room[: self._used] = held[: self._used]
+                setattr(self, name, room)
 
-    def _renew(self) -> None:
-        """Make room for all rows there ever are: memory that is not written to takes no place."""
-        for name in _TABLE:
-            old = getattr(self, name)
-            new = np.empty((self.rows, *old.shape[1:]), old.dtype)
-            new[: self._used] = old[: self._used]
-            setattr(self, name, new)
+    def _table(self) -> list[NDArray[Any]]:
+        return [getattr(self, name) for name in _TABLE]
+
+    def _empty_table(self) -> list[NDArray[Any]]:
+        """Return room for all rows there ever are: what is not written to takes no memory."""
+        return [np.empty((self.rows, *old.shape[1:]), old.dtype) for old in self._table()]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs: no rows that are not in use."""
@@ -291,9 +295,9 @@ class History:
             self._part[:] = *self._sums[last], *known
             self._filled = self.stride
             self._next = int(self._position[last])
-        table = [getattr(self, name) for name in _TABLE]
-        self._used = _halved(*table, self._used, self.axes)
-        self._renew()
+        new = self._empty_table()
+        self._used = _halved(*self._table(), self._used, self.axes, *new)
+        vars(self).update(zip(_TABLE, new, strict=True))
         self.stride *= 2
 
 

@@ -75,10 +75,11 @@ static void add_rows_float64(const double *rows, int64_t n, int64_t axes, double
 ROWS(history_rows_int16, int16_t, add_rows_int16)
 ROWS(history_rows_float64, double, add_rows_float64)
 
-/* Join neighbouring rows of one segment in pairs, in place; a row without a neighbour is given up.
-   Return how many there are. */
+/* Join neighbouring rows of one segment in pairs; a row without a neighbour is given up. Return how many
+   there are. */
 KERNEL(int64_t, history_halve)
-(double *sums, double *means, int64_t *position, int64_t *segment, int64_t used, int64_t axes) {
+(const double *sums, const double *means, const int64_t *position, const int64_t *segment, int64_t used,
+ int64_t axes, double *new_sums, double *new_means, int64_t *new_position, int64_t *new_segment) {
     int64_t kept = 0;
     for (int64_t i = 0; i + 1 < used;) {
         if (segment[i] != segment[i + 1]) {
@@ -86,11 +87,11 @@ KERNEL(int64_t, history_halve)
             continue;
         }
         for (int64_t axis = 0; axis < axes; axis++)
-            sums[kept * axes + axis] = sums[i * axes + axis] + sums[(i + 1) * axes + axis];
+            new_sums[kept * axes + axis] = sums[i * axes + axis] + sums[(i + 1) * axes + axis];
         double known[3] = {0.0, 0.0, 0.0};
         add_temperatures(known, means + i, 2);
-        means[kept] = mean_of(known);
-        position[kept] = position[i], segment[kept] = segment[i];
+        new_means[kept] = mean_of(known);
+        new_position[kept] = position[i], new_segment[kept] = segment[i];
         kept++, i += 2;
     }
     return kept;

@@ -178,18 +178,23 @@ KERNEL(void, narrow_columns_of_int16)
 
 enum { TAPS = 48, FACTOR = 4, OUTPUTS = 64, TOGETHER = 256, PHASE = TOGETHER + TAPS / FACTOR };
 
-/* Sixteen outputs, in as many registers as they take. */
+/* Outputs side by side, in one register: more than one at a time gcc keeps in memory. */
+#if defined(WIDE)
 typedef float outputs __attribute__((vector_size(64), aligned(4), may_alias));
+#else
+typedef float outputs __attribute__((vector_size(32), aligned(4), may_alias));
+#endif
 
 /* Filter `OUTPUTS` outputs: each is one sum, in the order of the taps, of numbers that lie side by
    side for all of them. */
 static inline void filtered(const float (*phases)[PHASE], const float *taps, float *out) {
-    outputs sums[OUTPUTS / 16] = {{0.0f}};
+    enum { SIDE_BY_SIDE = sizeof(outputs) / sizeof(float), GROUPS = OUTPUTS / SIDE_BY_SIDE };
+    outputs sums[GROUPS] = {{0.0f}};
     for (int j = 0; j < TAPS; j++) {
         const float *own = phases[j % FACTOR] + j / FACTOR;
-        for (int i = 0; i < OUTPUTS / 16; i++) sums[i] += taps[j] * *(const outputs *)(own + 16 * i);
+        for (int i = 0; i < GROUPS; i++) sums[i] += taps[j] * *(const outputs *)(own + SIDE_BY_SIDE * i);
     }
-    for (int i = 0; i < OUTPUTS / 16; i++) *(outputs *)(out + 16 * i) = sums[i];
+    for (int i = 0; i < GROUPS; i++) *(outputs *)(out + SIDE_BY_SIDE * i) = sums[i];
 }
 
 /* Low-pass the samples of every axis, p and then n, and keep `count` outputs, one from every fourth.

@@ -226,6 +226,9 @@ class _Assembler:
 
     def _raise_flags(self, flags: NDArray[np.uint8]) -> Iterator[Event]:
         """Say once that a frame is marked, until a frame comes that is not."""
+        if not int(np.bitwise_or.reduce(flags)) & _RAISED:
+            self._raised = int(flags[-1])
+            return
         before = np.concatenate([[self._raised], flags[:-1]]).astype(np.uint8)
         risen = int(np.bitwise_or.reduce(flags & ~before)) & _RAISED
         self._raised = int(flags[-1])

@@ -80,4 +80,4 @@ def test_it_is_started_before_anything_heavy_is_loaded(tmp_path, as_folder):
     file.write_bytes(bytes(process.LONG + 1))
     command = [sys.executable, "-c", FIRST_PROCESS, str(tmp_path if as_folder else file)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["allanscope.analysis.summary", "False"]
+    assert run.stdout.split() == ["allanscope.analysis.summary", "allanscope.explain.loop", "False"]

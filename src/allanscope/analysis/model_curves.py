@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank, Deviation
 from allanscope.analysis.result import ModelCurve
-from allanscope.explain import Explanation
 from allanscope.noise import Coefficient, NoiseModel
 from allanscope.noise.components import Component, White
 from allanscope.spectrum import Density
+
+if TYPE_CHECKING:
+    from allanscope.explain import Explanation
 
 __all__ = ["DrawnModels", "draw_models"]
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from allanscope.analysis.remarks import (
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.tracing import Trace, trace_findings
 from allanscope.analysis.undisturbed import undisturbed
-from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
+from allanscope.explain import failed, failure_text
 from allanscope.history import Record
 from allanscope.noise import (
     Coefficient,
@@ -54,6 +54,9 @@ from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerError, WorkerProcess
+
+if TYPE_CHECKING:
+    from allanscope.explain import Explanation
 
 __all__ = ["Depth", "search_processes", "summarise", "with_comparison"]
 
@@ -70,7 +73,8 @@ WORTH_A_PROCESS = 30_000
 FEW_PROCESSES = 3_000_000
 """Values from which no more than two processes search: each may take some hundred megabytes."""
 
-_SEARCH = __name__
+SEARCH = f"{__name__} allanscope.explain.loop"
+"""Modules that a process which searches loads before."""
 
 TENTHS = 10
 
@@ -344,6 +348,8 @@ def _axis_or_failure(
 
 def _with_noise_of_now(loop: Explanation, given: LoopInput) -> Explanation:
     """Return what the last search found with the noise of this moment, the effects held."""
+    from allanscope.explain import fit_beside
+
     beside = fit_beside(loop.held, given.record, given.densities)
     return replace(
         loop,
@@ -370,9 +376,11 @@ def search_processes(analyser: Analyser, preload: str = "") -> list[WorkerProces
     state = analyser.state
     if state is None:
         return []
+    from allanscope.explain import loop  # noqa: F401  this process searches as well
+
     axes = len(state.info.axes)
     most = min(_most_processes(axes * state.samples, analyser.settings.processes), axes)
-    return [WorkerProcess(" ".join([_SEARCH, preload][: 1 + (k == 0)])) for k in range(most - 1)]
+    return [WorkerProcess(" ".join([SEARCH, preload][: 1 + (k == 0)])) for k in range(most - 1)]
 
 
 def _most_processes(values: int, processes: int) -> int:
@@ -390,12 +398,14 @@ def _workers(
     most = min(_most_processes(values.size, processes), values.shape[1]) - 1
     with ExitStack() as stack:
         new = range(most - len(ready))
-        yield [*ready, *(stack.enter_context(WorkerProcess(_SEARCH)) for _ in new)]
+        yield [*ready, *(stack.enter_context(WorkerProcess(SEARCH)) for _ in new)]
 
 
 def _loop(given: LoopInput, workers: Sequence[WorkerProcess]) -> Explanation | None:
     if len(given.record.values) < FEWEST_ROWS:
         return None
+    from allanscope.explain import Explanation, explain  # the search: a start does not wait for it
+
     try:
         return explain(
             given.record,

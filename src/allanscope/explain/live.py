@@ -19,13 +19,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from allanscope.clock import RateFit
 from allanscope.explain.effect import Effect, Parameter, ResidualError
-from allanscope.explain.loop import Explanation, explain
-from allanscope.explain.search import Budget
 from allanscope.history import Record
 from allanscope.spectrum import Density
+
+if TYPE_CHECKING:
+    from allanscope.explain.loop import Explanation
 
 __all__ = ["Finding", "LiveLoop"]
 
@@ -135,6 +137,9 @@ class LiveLoop:
         """
         if not self.due(record):
             return ()
+        from allanscope.explain.loop import explain
+        from allanscope.explain.search import Budget
+
         self.searches += 1
         self._next_s = 2 * _length_s(record)
         self.explanation = explain(

@@ -137,7 +137,7 @@ def search_process(path: Path) -> Iterator[list[WorkerProcess]]:
     if usable_processes() < 2 or not _is_long(path):
         yield []
         return
-    with WorkerProcess("allanscope.analysis.summary") as worker:
+    with WorkerProcess("allanscope.analysis.summary allanscope.explain.loop") as worker:
         yield [worker]
 
 

@@ -21,16 +21,20 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
-from allanscope.explain import Explanation, Finding, LiveLoop
+from allanscope.explain import Finding, LiveLoop
 from allanscope.optimise import least_nonnegative
 from allanscope.pipeline.process import forget_transforms, trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
 from allanscope.worker_process import WorkerProcess
+
+if TYPE_CHECKING:
+    from allanscope.explain import Explanation
 
 __all__ = ["IN_TERMINAL", "IN_VIEWER", "UNWATCHED", "LoopProcess", "RefreshPolicy", "Refresher"]
 
@@ -287,7 +291,7 @@ class LoopProcess:
         loop = self._loop
         answer: LiveLoop | tuple[Finding, ...] | None = None
         try:
-            with WorkerProcess("allanscope.explain.live", LOW_PRIORITY) as self._worker:
+            with WorkerProcess("allanscope.explain.loop", LOW_PRIORITY) as self._worker:
                 assert self._request is not None
                 self._worker.ask(_searched, *self._request, bool(stretch))
                 self._request = None  # tens of megabytes, not held until the end

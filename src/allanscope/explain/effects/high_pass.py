@@ -51,9 +51,6 @@ _LOW = 0.5
 """Most of the white noise that is left of them on average."""
 _HIGHEST = 0.2
 """Highest corner, as a share of the rate: beyond, it is the shape of the white noise."""
-_PLATEAU = 0.75
-"""Part of the octave above its corner that must be in the fit: the noise beside a loud tone that
-moves, which is left out, rises towards the tone."""
 _SLOPES = (1.0, 6.0)
 """Of the filter: none is of less than the first order."""
 _TRIED = 8
@@ -111,11 +108,7 @@ class HighPass(EffectKind):
         return _likeliest(view, [self.corner.value], self.corner.value / 10)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Return it where it removes its part of the residual, and what passes is seen."""
-        f, corner = view.grid.frequency, self.corner.value
-        above = view.spectrum.kept[(f > corner) & (f < 2 * corner)]
-        if above.size and above.mean() < _PLATEAU:
-            return None
+        """Return it where it removes its part of the residual."""
         return candidate if removes(_settled(view, candidate), candidate) else None
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:

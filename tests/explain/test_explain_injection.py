@@ -28,9 +28,11 @@ def carrier(injection):
     return one
 
 
-@pytest.mark.parametrize("kind", ["sinusoid", "step", "gauss_markov"])
-def test_five_times_the_limit_is_found_and_nothing_beside(injection, carrier, kind):
-    outcome = injection.trial(carrier, kind, 5.0, [1, 2])
+@pytest.mark.parametrize(
+    ("kind", "times"), [("sinusoid", 5.0), ("step", 5.0), ("gauss_markov", 3.0)]
+)
+def test_what_is_above_the_limit_is_found_and_nothing_beside(injection, carrier, kind, times):
+    outcome = injection.trial(carrier, kind, times, [1, 2])
     assert outcome == injection.Outcome(right=True, false=0)
 
 

@@ -57,6 +57,9 @@ _UNSEEN = 3.0
 """Upper 95 % limit of what was expected where nothing was seen."""
 _NONE = (0.0, 0.0, 1.0)
 """Fraction, gain and error factor where nothing repeats."""
+_ALONE = 0.02
+"""Least fraction of one axis alone, where others of its sensor are there to tell: a smaller excess
+of equal neighbours is that of coarse values which are not quite Gaussian."""
 _LOOKED_AT, _PIECES = 1 << 17, 16
 """Rows of a long record that tell how its far rows differ, and pieces that they come from."""
 
@@ -100,10 +103,9 @@ class RepeatedSamples(EffectKind):
         groups = {moving, sensor} if len(sensor) > 1 else {moving}
         together = [(_counted(view, group), group) for group in groups if len(group) > 1]
         found, columns = max(together, key=lambda one: one[0][1], default=(_NONE, sensor))
-        if len(sensor) == 1:
-            alone = _counted(view, sensor)
-            if alone[1] > found[1] and alone[0] >= 3 * found[0]:
-                found, columns = alone, sensor
+        alone, least = _counted(view, (column,)), _ALONE if len(sensor) > 1 else 0.0
+        if alone[1] > found[1] and alone[0] >= max(3 * found[0], least):
+            found, columns = alone, (column,)
         fraction, gain, rows = found
         equal = series.equal[:, columns]
         error = np.sqrt(max(fraction * (1 - fraction), 1 / len(equal)) / len(equal)) * rows

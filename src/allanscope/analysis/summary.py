@@ -376,7 +376,7 @@ def search_processes(analyser: Analyser, preload: str = "") -> list[WorkerProces
     state = analyser.state
     if state is None:
         return []
-    from allanscope.explain import loop  # noqa: F401  this process searches as well
+    from allanscope.explain import explain  # noqa: F401  this process searches as well
 
     axes = len(state.info.axes)
     most = min(_most_processes(axes * state.samples, analyser.settings.processes), axes)

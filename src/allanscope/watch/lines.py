@@ -49,6 +49,9 @@ second or two, and what it did then stays in the sums for some more."""
 
 RECENT = 128
 """Blocks that are kept to tell when a line began."""
+RECENT_VALUES, FEWEST_RECENT = 1 << 22, 16
+"""Ratios that are kept at most, and blocks of them at the least: where a block has many bins, fewer
+blocks."""
 MOST_KEPT = 6e4
 """Ratio of the largest half-precision numbers."""
 
@@ -125,7 +128,8 @@ class LineCusums:
         self._sums = np.zeros((len(ALPHA_SHARES), *shape), np.float32)
         self._since = np.zeros((len(ALPHA_SHARES), *shape), np.int32)
         self._tops = np.zeros((len(ALPHA_SHARES), shape[0], LANES), np.float32)
-        self._recent = np.zeros((RECENT, *shape), np.float16)
+        kept = min(max(RECENT_VALUES // math.prod(shape), FEWEST_RECENT), RECENT)
+        self._recent = np.zeros((kept, *shape), np.float16)
         gains = np.array([*WEAK_INCREMENT, *CLEAR_INCREMENT], np.float32)
         self._fixed = Fixed(gains, self._spread, self._sums, self._since, self._tops)
 
@@ -143,7 +147,7 @@ class LineCusums:
         held : ndarray of int32, shape (groups, bins, 8)
             Bins that are not looked at, -1: an event is known there.
         """
-        kept = self._recent[self.blocks % RECENT]
+        kept = self._recent[self.blocks % len(self._recent)]
         np.minimum(ratio * scale[:, np.newaxis], MOST_KEPT, out=kept, casting="same_kind")
         self.blocks += 1
         # Exponential ratios have a mean square of 2. Where it is larger, as on a line that was
@@ -203,10 +207,10 @@ class LineCusums:
         Of a block in which it begins, the Hann window shows as much of its amplitude as is left.
         A clear line is a sine in noise, a weak one noise itself.
         """
-        looked_at = min(2 * since + LEAST_BLOCKS, RECENT, self.blocks)
+        looked_at = min(2 * since + LEAST_BLOCKS, len(self._recent), self.blocks)
         first = self.blocks - looked_at
         blocks = np.arange(first, self.blocks)
-        ratio = self._recent[blocks % RECENT, axis // LANES, place, axis % LANES]
+        ratio = self._recent[blocks % len(self._recent), axis // LANES, place, axis % LANES]
         ratio = ratio.astype(np.float64)[:, np.newaxis] / spread
         whole = ratio[-max(min(since, looked_at) - 1, 1) :]
         excess = max(float(whole.mean()) - 1.0, 0.1)

@@ -33,7 +33,10 @@ from typing import Any, BinaryIO, ParamSpec, Self, TypeVar
 
 from allanscope.lazy import defer_unused
 
-__all__ = ["KEPT_BYTES", "REUSED_BYTES", "WorkerError", "WorkerProcess"]
+__all__ = ["KEPT_BYTES", "REUSED_BYTES", "SEARCH", "WorkerError", "WorkerProcess"]
+
+SEARCH = "allanscope.analysis.summary allanscope.explain.loop"
+"""Modules that a process which searches for effects loads before it is asked."""
 
 REUSED_BYTES, KEPT_BYTES = 1 << 26, 1 << 27
 """The largest block that is kept for the next one of its size, and what is kept of free ones."""

@@ -198,8 +198,10 @@ def next_experiments(analysis: Analysis) -> tuple[Experiment, ...]:
     an effect of which another kind would do as well or that happened once, a line without a source,
     and a coupling without a direction.
     """
-    found = [one for finding in analysis.findings for one in _of_finding(finding, analysis)]
-    once = [finding for finding in analysis.findings if _is_open(finding, analysis)]
+    asked = [_of_finding(finding, analysis) for finding in analysis.findings]
+    found = [one for decided in asked for one in decided]
+    rest = [one for one, decided in zip(analysis.findings, asked, strict=True) if not decided]
+    once = [one for one in rest if _is_one_motion(one.members[0].effect)]
     noise = [_of_coefficient(letter, analysis) for letter in LETTERS]
     known = [*found, _beside(once, analysis), *noise]
     return tuple(sorted(filter(None, known), key=_worth, reverse=True))
@@ -316,11 +318,9 @@ def _named(names: Iterable[str], analysis: Analysis) -> str:
     return "all axes" if len(names) == len(analysis.axes) > 1 else " ".join(names)
 
 
-def _is_open(finding: Finding, analysis: Analysis) -> bool:
-    """Return whether it happened once and may be motion, and nothing else would decide it."""
-    effect = finding.members[0].effect
-    may_be_motion = bool(effect.traits.motion) and _is_once(effect) and _gain(effect) > 0
-    return may_be_motion and not _of_finding(finding, analysis)
+def _is_one_motion(effect: Effect) -> bool:
+    """Return whether it happened once and may be motion."""
+    return bool(effect.traits.motion) and _is_once(effect) and _gain(effect) > 0
 
 
 def _beside(once: Sequence[Finding], analysis: Analysis) -> Experiment | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -53,7 +54,7 @@ from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
-from allanscope.worker_process import WorkerError, WorkerProcess
+from allanscope.worker_process import SEARCH, WorkerError, WorkerProcess
 
 if TYPE_CHECKING:
     from allanscope.explain import Explanation
@@ -72,9 +73,6 @@ WORTH_A_PROCESS = 30_000
 
 FEW_PROCESSES = 3_000_000
 """Values from which no more than two processes search: each may take some hundred megabytes."""
-
-SEARCH = f"{__name__} allanscope.explain.loop"
-"""Modules that a process which searches loads before."""
 
 TENTHS = 10
 
@@ -376,8 +374,8 @@ def search_processes(analyser: Analyser, preload: str = "") -> list[WorkerProces
     state = analyser.state
     if state is None:
         return []
-    from allanscope.explain import explain  # noqa: F401  this process searches as well
-
+    for module in SEARCH.split():  # this process searches as well
+        import_module(module)
     axes = len(state.info.axes)
     most = min(_most_processes(axes * state.samples, analyser.settings.processes), axes)
     return [WorkerProcess(" ".join([SEARCH, preload][: 1 + (k == 0)])) for k in range(most - 1)]

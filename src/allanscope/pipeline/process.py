@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from allanscope.worker_process import KEPT_BYTES, REUSED_BYTES, WorkerProcess
+from allanscope.worker_process import KEPT_BYTES, REUSED_BYTES, SEARCH, WorkerProcess
 
 __all__ = [
     "configure_malloc",
@@ -137,7 +137,7 @@ def search_process(path: Path) -> Iterator[list[WorkerProcess]]:
     if usable_processes() < 2 or not _is_long(path):
         yield []
         return
-    with WorkerProcess("allanscope.analysis.summary allanscope.explain.loop") as worker:
+    with WorkerProcess(SEARCH) as worker:
         yield [worker]
 
 

@@ -31,6 +31,11 @@ ACCEL = RNG.normal(0, 0.01, (N, 3)) + np.array([0.0, 0.0, 9.81])
         (
             {"t": T, "gz": GYRO[:, 2], "az[m/s^2]": ACCEL[:, 2]},
             (),
+            "no unit of gyro is given: rad/s assumed, as accel is in m/s^2",
+        ),
+        (
+            {"t": T, "gz": GYRO[:, 2], "az[g]": ACCEL[:, 2] / 9.80665},
+            (),
             "no unit of gyro is given: dps assumed",
         ),
         ({"gyro_dps": GYRO, "acc_mps2": ACCEL, "rate": 100.0}, (), ""),
@@ -56,7 +61,9 @@ def test_arrays_of_numpy_are_analysed(tmp_path, arrays, options, assumed):
     assert result["samples"] == N
     assert result["rate"]["nominal_hz"] == pytest.approx(100.0)
     assert result["axes"]["az"]["level"]["mean"] == pytest.approx(1.0, abs=0.01)
-    assert result["axes"]["gz"]["level"]["mean"] == pytest.approx(GYRO[:, 2].mean(), rel=1e-6)
+    in_radians = "rad/s assumed" in "; ".join(result["assumptions"])
+    mean = GYRO[:, 2].mean() * (180 / np.pi if in_radians else 1.0)
+    assert result["axes"]["gz"]["level"]["mean"] == pytest.approx(mean, rel=1e-6)
     assert result["input"]["wire"] == "npz"
     assert assumed in "; ".join(result["assumptions"])
     assert bool(assumed) is bool(result["assumptions"])

@@ -722,10 +722,105 @@ def test_an_accelerometer_is_known_by_gravity(unit: str, names: str) -> None:
     assert isinstance(info, StreamInfo)
     assert block.counts[0][info.axes.index("az")] == pytest.approx(1.0, rel=0.01)
     if names != "az":
-        assert block.counts[0][:3].tolist() == [0.3, 0.02, -0.1]
+        dps = 1.0 / RAD if unit == "m/s^2" else 1.0
+        assert block.counts[0][:3] == pytest.approx(np.multiply([0.3, 0.02, -0.1], dps))
     assert any(f"no unit of accel: {unit} assumed" in remark for remark in _remarks(rest))
     if not names:
         assert any("assumed to be ax ay az gx gy gz" in remark for remark in _remarks(rest))
+
+
+@pytest.mark.parametrize("unit", ["[m/s^2]", "[g]", ""])
+def test_a_gyroscope_beside_si_units_is_in_rad_s(unit: str) -> None:
+    """Unless it says otherwise; and the guess is said."""
+    header = ",".join(f"a{axis}{unit}" for axis in "xyz") + ",gx,gy,gz\n"
+    line = "0.1,9.79,-0.2" if unit != "[g]" else "0.01,1.001,-0.02"
+    events = _decode(header + f"{line},0.3,0.02,-0.1\n" * 40)
+    block = next(event for event in events if isinstance(event, Block))
+    said = "rad/s assumed, as accel is in m/s^2" if unit != "[g]" else "dps assumed"
+    assert f"the text gives no unit of gyro: {said}" in _remarks(events)
+    assert block.counts[0][0] == pytest.approx(0.3 if unit == "[g]" else 0.3 / RAD)
+    stated = _decode(header.replace("gx", "gx[dps]") + f"{line},0.3,0.02,-0.1\n" * 40)
+    assert next(one for one in stated if isinstance(one, Block)).counts[0][0] == 0.3
+
+
+GROUPED = (
+    "Time (s);Vicon Orientation;;;;IMU Acceleration;;;IMU Gyroscope (mdps);;;IMU Magnetometer;;;\n"
+    ";W;X;Y;Z;X;Y;Z;X;Y;Z;X;Y;Z;\n"
+)
+
+
+def test_a_header_of_two_lines_has_sensors_above_axes() -> None:
+    """As spreadsheets write it, with a unit of the group; orientation and field are left out."""
+    rows = "".join(
+        f"{i * 0.01:.2f};0;5;6;7;0.01;-0.02;1.001;500;-250;125;1;2;3\n" for i in range(40)
+    )
+    info, *rest = _decode(GROUPED + rows)
+    block = next(event for event in rest if isinstance(event, Block))
+    assert isinstance(info, StreamInfo)
+    assert (info.axes, info.nominal_hz) == (BOTH, pytest.approx(100.0))
+    assert block.counts[0] == pytest.approx([0.5, -0.25, 0.125, 0.01, -0.02, 1.001])
+
+
+@pytest.mark.parametrize(
+    ("groups", "axes", "named"),
+    [
+        ("Accelerometer,,,Gyroscope,,", ACCEL + GYRO, True),
+        ("Angular velocity,,,Acceleration", GYRO + ACCEL, True),
+        ("Accelerometer and gyroscope", GYRO + ACCEL, False),
+        ("Accelerometer log", GYRO + ACCEL, False),
+        ("a title", GYRO + ACCEL, False),
+    ],
+)
+def test_sensors_above_x_y_and_z_are_believed_and_titles_are_not(
+    groups: str, axes: tuple[str, ...], named: bool
+) -> None:
+    """Below a title the sensors go by their place."""
+    info, *rest = _decode(f"{groups}\nx,y,z,x,y,z\n" + "1.5,2.5,3.5,4.5,5.5,26.5\n" * 40)
+    block = next(event for event in rest if isinstance(event, Block))
+    assert isinstance(info, StreamInfo)
+    by_place = dict(zip(axes, (1.5, 2.5, 3.5, 4.5, 5.5, 26.5), strict=True))
+    assert block.counts[0].tolist() == [by_place[axis] for axis in info.axes]
+    assert named != any("no sensor is named" in one for one in _remarks(rest))
+
+
+@pytest.mark.parametrize(
+    ("line", "hz"),
+    [
+        *(("Fs,100", 100.0), ("# fs = 416 Hz", 416.0), ("// Update Rate: 40.0Hz", 40.0)),
+        ("# Config: data_rate = 2000.0 Hz, filter = 488 Hz, acc_range = 4 g", 2000.0),
+        *(("Sampling frequency [Hz]: 208", 208.0), ("ODR: 1.66 kHz", 1660.0)),
+        *(("Baud rate: 115200", 0.0), ("FS,2000", 0.0), ("Gyro fs: 250", 0.0)),
+        *(("sample rate: fast", 0.0), ("sample rate: 100.5.1", 0.0)),
+    ],
+)
+def test_a_line_above_the_rows_may_state_the_rate(line: str, hz: float) -> None:
+    """It counts where there are neither times nor a rate from the user, and is said."""
+    text = f"{line}\ngx,gy,gz\n" + "0.5,-0.25,0.125\n" * 40
+    events = _decode(text)
+    info = next(event for event in events if isinstance(event, StreamInfo))
+    assert info.nominal_hz == pytest.approx(hz)
+    assert any("above the rows" in one for one in _remarks(events)) == bool(hz)
+    given = next(one for one in _decode(text, rate_hz=52.0) if isinstance(one, StreamInfo))
+    assert given.nominal_hz == 52.0
+    timed = f"{line}\nt[s],gx\n" + "".join(f"{i * 0.02:.2f},0.5\n" for i in range(40))
+    info = next(event for event in _decode(timed) if isinstance(event, StreamInfo))
+    assert info.nominal_hz == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("names", [",x,y,z", ",gx,gy,gz"])
+@pytest.mark.parametrize("step", ["time", "number", "blank"])
+def test_a_first_column_without_a_name_is_a_time_or_a_row_number(names: str, step: str) -> None:
+    """As a table of pandas has its index."""
+    first = {"time": "{:.2f}", "number": "{}", "blank": ""}[step]
+    rows = "".join(
+        first.format(i * 0.01 if step == "time" else i) + ",0.5,-0.25,0.125\n" for i in range(40)
+    )
+    info, *rest = _decode(f"{names}\n{rows}")
+    block = next(event for event in rest if isinstance(event, Block))
+    assert isinstance(info, StreamInfo)
+    assert info.axes == GYRO
+    assert info.nominal_hz == (pytest.approx(100.0) if step == "time" else 0.0)
+    assert block.counts[0].tolist() == HALF
 
 
 def test_three_columns_of_one_g_are_an_accelerometer() -> None:

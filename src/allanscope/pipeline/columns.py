@@ -16,6 +16,7 @@ from allanscope.wire.text import (
     Quantity,
     accel_comes_first,
     column_of,
+    gyro_unit_beside,
     quantity_named,
     unit_by_gravity,
 )
@@ -301,20 +302,23 @@ def with_units(columns: Columns, units: Mapping[str, str] | str | None) -> Colum
 
 def with_guesses(columns: Columns) -> Columns:
     """Return the columns with a unit for each axis, and with a remark on each that is a guess."""
-    units, said = dict(columns.units), list(columns.assumed)
-    for sensor in ("gyro", "accel"):
+    units, said = dict(columns.units), {"gyro": "", "accel": ""}
+    for sensor in ("accel", "gyro"):
         silent = [a for a in columns.axes if quantity_of(a) == sensor and not columns.units[a]]
         if not silent:
             continue
         rows = np.column_stack([columns.axes[axis][:LOOKED_AT] for axis in silent])
         by_gravity = unit_by_gravity(rows) if sensor == "accel" else ""
+        beside = next((units[axis] for axis in columns.axes if quantity_of(axis) == "accel"), "")
         for axis in silent:
-            units[axis] = by_gravity or columns.unit(axis)
+            unit = columns.unit(axis)
+            units[axis] = by_gravity or (gyro_unit_beside(beside) if unit == "dps" else unit)
         names = dict.fromkeys(units[axis] for axis in silent)
         words = " and ".join("counts (lsb)" if name == "lsb" else name for name in names)
         why = ", as gravity has that size" if by_gravity else ""
-        said.append(f"no unit of {sensor} is given: {words} assumed{why}")
-    return replace(columns, units=units, assumed=tuple(said))
+        why = ", as accel is in m/s^2" if "rad/s" in names else why
+        said[sensor] = f"no unit of {sensor} is given: {words} assumed{why}"
+    return replace(columns, units=units, assumed=(*columns.assumed, *filter(None, said.values())))
 
 
 def text_of_columns(columns: Columns) -> tuple[bytes, Callable[[slice], bytes]]:

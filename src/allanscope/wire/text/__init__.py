@@ -37,6 +37,7 @@ from allanscope.wire.text.units import (
     SMALLEST,
     Quantity,
     accel_comes_first,
+    gyro_unit_beside,
     quantity_named,
     unit_by_gravity,
 )
@@ -52,6 +53,7 @@ __all__ = [
     "TextFormat",
     "accel_comes_first",
     "column_of",
+    "gyro_unit_beside",
     "quantity_named",
     "unit_by_gravity",
     "why_no_rows",

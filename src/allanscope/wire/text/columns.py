@@ -16,6 +16,7 @@ __all__ = [
     "cells_of",
     "column_of",
     "columns_of",
+    "columns_under_groups",
     "columns_without_sensor",
     "in_unknown_unit",
     "unnamed",
@@ -34,6 +35,11 @@ _CLOCKS = {"millis": "ms", "micros": "us"}
 """Names that tell the unit: Arduino's clocks."""
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _BARE_AXIS = re.compile(r"([xyz])[_.]?\d?")
+_GROUPS: Mapping[Quantity, re.Pattern[str]] = {
+    "accel": re.compile(r"acc", re.IGNORECASE),
+    "gyro": re.compile(r"gyr|angular[ _]?(?:rate|vel)", re.IGNORECASE),
+}
+"""What the name of three columns says of their sensor."""
 _SEPARATORS = "\t;,|"
 _QUOTES = " \"'"
 
@@ -195,6 +201,44 @@ def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Col
         for sensor, letter, unit in zip(sensors, letters, units, strict=True)
     ]
     return (*map(column_of, before), *axes, *map(column_of, after))
+
+
+def columns_under_groups(groups: Sequence[str], cells: Sequence[str]) -> Columns | None:
+    """Return the columns of a header of two lines: sensors in the first, axes in the second.
+
+    Spreadsheets write so: a name stands above the first of its columns. None where the first line
+    names no sensor of all of x, y and z of the second.
+
+    Examples
+    --------
+    >>> groups = ["Time (s)", "IMU Gyroscope", "", "", "IMU Magnetometer"]
+    >>> columns_under_groups(groups, ["", "X", "Y", "Z", "X", "Y", "Z"])[:2]
+    (Column(quantity='time', unit='s', axis=-1), Column(quantity='gyro', unit='', axis=0))
+    >>> columns_under_groups(["Time (s)", "Orientation"], ["", "X", "Y", "Z"]) is None
+    True
+    """
+    above, name = [], ""
+    for place in range(len(cells)):
+        name = (groups[place] if place < len(groups) else "") or name
+        above.append(name)
+    named = [_under_group(group, cell) for group, cell in zip(above, cells, strict=True)]
+    bare = [bool(_bare_axis(cell) and name) for cell, name in zip(cells, named, strict=True)]
+    columns = columns_of(named) if any(bare) else None
+    axes = [column.axis for column in columns or () if column and column.axis >= 0]
+    return columns if sorted(axes) in ([0, 1, 2], [3, 4, 5], [0, 1, 2, 3, 4, 5]) else None
+
+
+def _under_group(group: str, cell: str) -> str:
+    """Return the name of a column from those of its group and its own, '' where both say none."""
+    axis = _bare_axis(cell)
+    if axis is None:
+        return cell or group
+    sensors = [sensor for sensor, words in _GROUPS.items() if words.search(group)]
+    if len(sensors) != 1:
+        return ""
+    match = _NAME.fullmatch(group[:80])
+    unit = axis[1] or (match[2] if match else "")
+    return f"{sensors[0]}_{axis[0]}" + (f"[{unit}]" if unit else "")
 
 
 def _bare_axis(cell: str) -> tuple[str, str] | None:

@@ -16,6 +16,7 @@ from allanscope.wire.text.columns import (
     Columns,
     cells_of,
     columns_of,
+    columns_under_groups,
     columns_without_sensor,
     in_unknown_unit,
     unnamed,
@@ -85,6 +86,7 @@ class TextDecoder:
         self._other_lines = 0
         self._sentences = b""
         self._heading = 0
+        self._groups: list[str] = []
         self._host_s = math.nan
         self._joining = True
         self._reported = 0
@@ -182,6 +184,8 @@ class TextDecoder:
             return []
         if all(numbers):
             return self._numbers(line, text, len(cells))
+        if self._table is None:
+            self._interpreter.note(text)
         self._other_lines += 1
         if self._other_lines > 2 * len(self._unnamed) + 2:
             self._unnamed.clear()
@@ -199,7 +203,11 @@ class TextDecoder:
         below = self._units_below(cells)
         if below is not None:
             return self._start_table(below, self._left_out)
-        columns = columns_of(cells, self._unnamed_sensor)
+        groups, self._groups = self._groups, cells
+        grouped = columns_under_groups(groups, cells) if self._table is None else None
+        if grouped is None and cells[:1] == [""]:
+            cells = cells[1:]  # a row number or a time without a name, as the rows will show
+        columns = grouped or columns_of(cells, self._unnamed_sensor)
         if columns is None:
             return None
         self.named = True
@@ -211,8 +219,12 @@ class TextDecoder:
         if self._needs_confirmation(columns):
             return []
         self._left_out = left_out
-        by_place = columns_without_sensor(cells) and not any(
-            column and column.axis >= 0 and column.unit not in ("", "lsb") for column in columns
+        by_place = (
+            grouped is None
+            and columns_without_sensor(cells)
+            and not any(
+                column and column.axis >= 0 and column.unit not in ("", "lsb") for column in columns
+            )
         )
         return self._start_table(columns, left_out, "no sensor is named" if by_place else "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from allanscope.wire.text.units import (
     SMALLEST,
     Quantity,
     accel_comes_first,
+    gyro_unit_beside,
     quantity_named,
     unit_by_gravity,
 )
@@ -42,6 +44,13 @@ _LONGEST_MS = 150
 than as many thousands ns."""
 _DAMAGED = 0.01
 """Share of counts that damage may have put out of range."""
+_STATED_RATE = re.compile(
+    r"(?:(?i:sampl(?:e|ing)[ _-]?(?:rate|freq\w*)"
+    r"|(?:data|output|update)[ _-]?(?:data[ _-]?)?rate|\bodr)"
+    r"|\A\W*[Ff]s)"
+    r"[ _]*(?i:[\[(]?hz[\])]?)?\s*[:=,;\s]\s*(\d+(?:\.\d+)?)\s*(?i:(k?)hz)?(?![\w.])"
+)
+"""A sample rate, as lines before a table say it: `Fs,100`, `Update Rate: 40.0Hz`, `ODR = 1 kHz`."""
 _FARTHEST = 2.5
 """So many times the longest step between bursts is a gap all the same."""
 
@@ -90,12 +99,19 @@ class TextInterpreter:
         self._assumed: tuple[str, ...] = ()
         self._table: Table | None = None
         self._by_position = ""
+        self._stated_rate: tuple[float, str] = (0.0, "")
         self._epoch = 0
 
     @property
     def temperature_lsb_per_c(self) -> float:
         """Counts per degree of the part."""
         return self._part.temperature_lsb_per_c
+
+    def note(self, line: str) -> None:
+        """Take note of the sample rate that a line before the rows may state."""
+        found = _STATED_RATE.search(line)
+        if found and float(found[1]):
+            self._stated_rate = float(found[1]) * (1e3 if found[2] else 1.0), found[0].strip(" #%/")
 
     def expect(
         self,
@@ -146,14 +162,18 @@ class TextInterpreter:
         rows = [row._replace(device_s=row.device_s / timing.per_second) for row in rows]
         times = [row.device_s for row in rows]
         timed = bool(np.isfinite(times).any())
+        stated_hz = 0.0
+        if not (self._settings.rate_hz or timing.hz) and self._stated_rate[0]:
+            stated_hz, words = self._stated_rate
+            remarks.append(f"no times: the rate is {stated_hz:g} Hz, from {words!r} above the rows")
         info = StreamInfo(
             axes=axes,
             scale=tuple(
                 self._scale_of_counts(_sensor(axis)) if unit == "lsb" else 1.0
                 for axis, unit in zip(axes, units, strict=True)
             ),
-            nominal_hz=self._settings.rate_hz or timing.hz,
-            rate_claimed=bool(self._settings.rate_hz),
+            nominal_hz=self._settings.rate_hz or timing.hz or stated_hz,
+            rate_claimed=bool(self._settings.rate_hz or stated_hz),
             part=self._settings.part,
             wire="text",
             tabular=True,
@@ -247,19 +267,23 @@ class TextInterpreter:
 
     def _units(self, axes: tuple[str, ...], values: Values, remarks: list[str]) -> list[str]:
         """Return the unit of every axis; what is not said goes by the values of its sensor."""
-        units = []
-        for axis in axes:
-            sensor = _sensor(axis)
-            own = values[:, [_sensor(other) == sensor for other in axes]]
-            units.append(self._unit(sensor, own, remarks))
-        return units
+        sensors = [_sensor(axis) for axis in axes]
+        units: dict[Quantity, str] = {}
+        said: dict[Quantity, list[str]] = {sensor: [] for sensor in sensors}
+        for sensor in sorted(said):  # the accelerometer first
+            own = values[:, [other == sensor for other in sensors]]
+            units[sensor] = self._unit(sensor, own, units.get("accel", ""), said[sensor])
+        remarks += [remark for sensor in said for remark in said[sensor]]
+        return [units[sensor] for sensor in sensors]
 
-    def _unit(self, sensor: Quantity, values: Values, remarks: list[str]) -> str:
+    def _unit(self, sensor: Quantity, values: Values, accel: str, remarks: list[str]) -> str:
         unit = self.given.get(sensor) or self._stated.get(sensor, "")
         if not unit:
             by_gravity = unit_by_gravity(values) if sensor == "accel" else ""
-            unit = by_gravity or ("lsb" if _whole(values) else _USUAL[sensor])
+            usual = gyro_unit_beside(accel) if sensor == "gyro" else "g"
+            unit = by_gravity or ("lsb" if _whole(values) else usual)
             why = ", as gravity has that size" if by_gravity else ""
+            why = f", as accel is in {_spelt(accel)}" if unit == "rad/s" else why
             words = "counts (lsb)" if unit == "lsb" else _spelt(unit)
             remarks.append(f"the text gives no unit of {sensor}: {words} assumed{why}")
         full_scale = self._settings.gyro_fs if sensor == "gyro" else self._settings.accel_fs

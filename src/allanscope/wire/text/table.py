@@ -306,7 +306,8 @@ def realigned(columns: Columns, rows: Sequence[Sequence[str]]) -> tuple[Columns,
             (columns[1:], "the first name is left out"),
         ]
     scores = [_fit(choice, values) for choice, _ in choices]
-    if cells > len(columns) and np.all(np.diff(values[:, 0]) == 1.0):
+    blank = not any(row[0] for row in rows)
+    if cells > len(columns) and (blank or np.all(np.diff(values[:, 0]) == 1.0)):
         scores[1] += 1.0  # row numbers
     if cells < len(columns) and columns[0] is None:
         scores[1] += 0.5  # nothing of ours is lost

@@ -24,6 +24,7 @@ __all__ = [
     "SMALLEST",
     "Quantity",
     "accel_comes_first",
+    "gyro_unit_beside",
     "quantity_named",
     "unit_by_gravity",
     "unit_of_text",
@@ -116,6 +117,17 @@ def quantity_named(group: str, unit: str) -> tuple[Quantity, str]:
         choices = ", ".join(DIVISORS[quantity])
         raise UsageError(f"unknown unit {unit!r} of {quantity}; choose one of {choices}")
     return quantity, known
+
+
+def gyro_unit_beside(accel: str) -> str:
+    """Return the unit to assume of a gyroscope, beside an accelerometer in a unit of `DIVISORS`.
+
+    Who writes m/s^2 writes SI, as phones, ROS, ArduPilot and Xsens do; others write dps.
+
+    >>> gyro_unit_beside("m/s2"), gyro_unit_beside("mg"), gyro_unit_beside("")
+    ('rad/s', 'dps', 'dps')
+    """
+    return "rad/s" if DIVISORS["accel"].get(accel) == GRAVITY else "dps"
 
 
 def unit_by_gravity(values: NDArray[Any], *, counts: bool = False) -> str:

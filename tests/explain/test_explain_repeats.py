@@ -143,6 +143,18 @@ def test_n_of_a_sensor_that_is_read_twice_is_that_of_its_samples():
     assert total_white(result.fits["gx"]).value == pytest.approx(5e-3, rel=0.02)
 
 
+@pytest.mark.parametrize("step", [1e-6, 0.028])
+def test_a_sensor_that_is_read_three_or_four_times_has_white_noise_and_no_more(step: float):
+    """Read at 100 Hz, a sensor at 31.7 Hz: also where 7 % of its samples are equal by chance."""
+    rng = np.random.default_rng(32)
+    samples = _rounded(rng.normal(0, 0.17, (2000, 2)), step)
+    values = samples[np.floor(np.arange(6000) * 0.317 + 0.3).astype(int)]
+    result = explain(_record(values))
+    for axis, found in result.axes.items():
+        assert [one.kind for one in found.effects] == ["repeated_samples"]
+        assert total_white(result.fits[axis]).value == pytest.approx(0.17 / 31.7**0.5, rel=0.05)
+
+
 def test_values_that_are_equal_by_chance_are_no_silence():
     """At 10 Hz a second is ten rows: of noise as large as a step these are all equal now and then.
 

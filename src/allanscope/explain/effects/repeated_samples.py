@@ -44,9 +44,10 @@ _LONGEST_RUN, _RARE = 16, 1e-3
 _MOSTLY = 0.05
 """Relative excess of equal rows over repeats up to which the runs of these are seen in those."""
 _PATTERN = 0.2
-"""Relative difference from chance of two repeats in a row from which they come in a pattern."""
-_FEW = 10.0
-"""Runs that are so many times as rare as rows that are equal by chance come from those."""
+"""Relative difference from chance of some repeats in a row from which they come in a pattern. Of a
+sensor that is read three times, now and then four, three in a row show it, and two hardly."""
+_JOINED = 0.3
+"""Runs joined by rows that are equal by chance are known to this part of the chance."""
 _FINEST = 0.8
 """Least noise in steps at which a single axis can be judged."""
 _FEWEST = 30
@@ -142,12 +143,15 @@ def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:
             break
         runs = runs[:-1] & repeat[j:]
     seen = abs(chances[0] - fraction) < max(_RARE, _MOSTLY * fraction) and len(chances) > 1
-    independent = fraction**2
-    by_counting = 3 * np.sqrt(independent / len(repeat))
-    if seen and abs(chances[1] - independent) > _PATTERN * independent + by_counting:
-        by_chance = _FEW * (chances[0] - fraction) / (1 - fraction)
-        pattern = tuple(r * fraction / chances[0] for r in chances[:-1] if r > by_chance)
-        return HeldPattern(pattern)
+    independent = fraction ** np.arange(2, len(chances) + 1)
+    by_counting = 3 * np.sqrt(independent / len(repeat) * (1 + fraction) / (1 - fraction))
+    off = np.abs(np.array(chances[1:]) - independent)
+    if seen and np.any(off > _PATTERN * independent + by_counting):
+        # Rows that are equal by chance join two runs; of j rows, one of j (1 - d) may be such.
+        chance = (chances[0] - fraction) / (1 - fraction)
+        joined = chance * np.minimum(1.0, np.arange(1, len(chances) + 1) * (1 - fraction))
+        own = (np.array(chances) - joined)[:-1]
+        return HeldPattern(tuple(own[own > _JOINED * chance].tolist()))
     return HeldSamples(min(fraction, 0.95))
 
 

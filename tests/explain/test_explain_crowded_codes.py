@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-import allanscope
 from allanscope.explain import explain
 from allanscope.explain.crowded_codes import crowded_codes, missing_codes
 from allanscope.explain.values import step_of
+from support.measured import analysed
 
 SIGMA = 4e-3 * 52.0**0.5
 STEP = SIGMA / 0.65
-MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
 
 
 def without_a_code(noise, code, step=STEP):
@@ -87,7 +84,7 @@ def test_a_dead_zone_that_holds_a_per_cent_is_still_a_pile():
 
 
 def test_actigraph_measured_has_a_missing_code_on_every_axis_and_no_limit():
-    result = allanscope.analyse(MEASURED / "actigraph-table.parquet")
+    result = analysed("actigraph-table")
     for axis, at in (("ax", "0.038"), ("ay", "-0.0235"), ("az", "-0.965")):
         found = result.axes[axis].explanation
         assert "saturation" not in [effect.kind for effect in found.effects]
@@ -95,7 +92,7 @@ def test_actigraph_measured_has_a_missing_code_on_every_axis_and_no_limit():
 
 
 def test_fan_off_measured_has_no_dead_zone():
-    result = allanscope.analyse(MEASURED / "ism330dhcx-fan-off.parquet")
+    result = analysed("ism330dhcx-fan-off")
     words = [effect.evidence["words"] for effect in result.axes["ax"].explanation.effects]
     assert not any("dead zone" in one for one in words)
 

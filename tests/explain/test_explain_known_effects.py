@@ -51,14 +51,19 @@ def test_on_the_record_of_the_search_it_is_the_fit_of_the_search(samples, found)
     assert set(beside.signals) == {"sinusoid", "step", "warm_up"}
 
 
+@pytest.fixture(scope="module", params=[2, 4])
+def searched_again(samples, request):
+    """Return a longer record and what a search of it says."""
+    longer = samples[: request.param * SHORT]
+    return longer, explain(record(longer)).axes["gx"].coefficients_after
+
+
 @pytest.mark.parametrize("stride", [1, 2, 4])
-@pytest.mark.parametrize("length", [2, 4])
-def test_on_a_longer_record_it_is_what_a_new_search_would_say(samples, found, length, stride):
+def test_on_a_longer_record_it_is_what_a_new_search_would_say(found, searched_again, stride):
     """Rows of twice and four times the samples fold the tone down: it stays taken out."""
-    longer = samples[: length * SHORT]
+    longer, new = searched_again
     (beside,) = fit_beside(found.held, record(longer, stride)).values()
     fitted = beside.fit.coefficients
-    new = explain(record(longer)).axes["gx"].coefficients_after
     # Longer rows have fewer ordinates: of 4096 the level is known to 1.1 %.
     tolerance = 0.01 if stride == 1 else 0.03
     assert fitted["N"].value == pytest.approx(new["N"].value, rel=tolerance)

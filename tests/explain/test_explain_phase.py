@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfilt
 
-import allanscope
 from allanscope.explain import explain
+from support.measured import analysed
 
 RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
-MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
 
 
 def couplings(axes):
@@ -72,7 +69,7 @@ def test_a_leak_behind_another_low_pass_is_a_coupling_still(bench):
     ],
 )
 def test_fans_are_no_coupling_and_a_driver_that_mixes_axes_is_one(recording, wrong, right):
-    axes = allanscope.analyse(MEASURED / f"{recording}.parquet").axes
+    axes = analysed(recording).axes
     found = couplings({axis: one.explanation for axis, one in axes.items()})
     assert not wrong & found
     assert right is None or right & found

@@ -79,9 +79,9 @@ def test_a_band_of_no_known_form_ends_within_the_bounds(bench):
     spectrum *= (1 + 0.9 * np.cos(2 * np.pi * f / 1.3)) * np.exp(-0.5 * ((f - 9) / 3) ** 2)
     shaped = np.fft.irfft(spectrum, len(b.t))
     record = b.record(b.noise() + 3 * SIGMA * shaped / shaped.std())
-    found = explain(record, budget=Budget(acceptances=8, evaluations=200)).axes["gx"]
+    found = explain(record, budget=Budget(acceptances=4, evaluations=100)).axes["gx"]
     assert not found.explained
-    assert found == explain(record, budget=Budget(acceptances=8, evaluations=200)).axes["gx"]
+    assert found == explain(record, budget=Budget(acceptances=4, evaluations=100)).axes["gx"]
 
 
 # Slow effects side by side

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import allanscope
 from allanscope.analysis import findings_of
 from allanscope.explain import AxisExplanation, Effect, explain
-
-MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
+from support.measured import analysed
 
 
 def adds_up(one: AxisExplanation) -> None:
@@ -69,7 +66,7 @@ def test_noise_alone_has_no_excess(simulated):
 
 @pytest.mark.parametrize("name", ["actigraph-table", "ism330dhcx-fan-off"])
 def test_the_parts_add_up_on_measured_axes(name):
-    analysis = allanscope.analyse(MEASURED / f"{name}.parquet")
+    analysis = analysed(name)
     for one in analysis.axes.values():
         adds_up(one.explanation)
     shares = [one.share for one in analysis.findings if not math.isnan(one.share)]
@@ -84,7 +81,7 @@ def test_the_parts_add_up_on_measured_axes(name):
 @pytest.fixture(scope="module")
 def fan():
     """Return the explanations of a sensor beside a fan that shakes it at 31.2 and 32.7 Hz."""
-    analysis = allanscope.analyse(MEASURED / "ism330dhcx-fan-on.parquet")
+    analysis = analysed("ism330dhcx-fan-on")
     return {axis: one.explanation for axis, one in analysis.axes.items()}
 
 

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from allanscope.pipeline.outputs import ReportProcess
+
 
 @pytest.fixture(scope="session")
 def run():
@@ -17,3 +19,13 @@ def run():
         return ran
 
     return run
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the report of a session in this process undrawn: its pictures take seconds."""
+
+    def begin(self, analysis):
+        self._analysis, self._page = analysis, "<html>"
+
+    monkeypatch.setattr(ReportProcess, "begin", begin)

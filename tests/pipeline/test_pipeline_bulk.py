@@ -3,6 +3,7 @@
 import json
 from contextlib import closing
 from dataclasses import asdict
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,14 +16,15 @@ from allanscope.samples import Block, Gap, Notice, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.wire import WireSettings
 
-SECONDS = 40.0
+SECONDS = 20.0
 
 
+@cache
 def reads(wire, rate):
     """Return what a host reads from the simulated device in some seconds."""
     sensor = Simulator(rate=rate, seed=5, duration_s=SECONDS)
     made = simulate_blocks(SECONDS / 3600, sensor, wire, start_ns=1)
-    return [Chunk(host_ns, data) for host_ns, data in made]
+    return tuple(Chunk(host_ns, data) for host_ns, data in made)
 
 
 def damaged(chunks, rng):

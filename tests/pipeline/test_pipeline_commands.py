@@ -4,6 +4,7 @@ import argparse
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from allanscope.__main__ import main
@@ -15,6 +16,16 @@ from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_reco
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("commands") / "night.mcap"
     simulate_recording(path, 8.0 / 3600.0, DeviceSettings(), SimulatedSettings(seed=3), quiet=True)
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """Return one axis, of which a report has few pictures."""
+    path = tmp_path_factory.mktemp("commands") / "log.csv"
+    noise = np.random.default_rng(3).normal(0, 0.04, 400)
+    np.savetxt(path, np.column_stack([np.arange(400) / 52, noise]), fmt="%.6f", delimiter=",",
+               header="t[s],gx[dps]", comments="")  # fmt: skip
     return path
 
 
@@ -57,18 +68,18 @@ def test_what_is_no_length_of_time_is_refused(text):
         _duration(text)
 
 
-def test_every_command_that_writes_names_what_it_wrote(recording, tmp_path, capsys):
+def test_every_command_that_writes_names_what_it_wrote(recording, log, tmp_path, capsys):
     page, result, figures = tmp_path / "r.html", tmp_path / "r.json", tmp_path / "figures"
     table, imported, yaml = tmp_path / "t.csv", tmp_path / "t.mcap", tmp_path / "imu.yaml"
     saved, made, both = tmp_path / "s.mcap", tmp_path / "m.mcap", tmp_path / "both.html"
     written = {
-        ("analyse", recording, "--report", page, "--json", result): (page, result),
+        ("analyse", log, "--report", page, "--json", result): (page, result),
         ("export", recording, table): (table,),
         ("export", recording, yaml, "--upper-limits", "include"): (yaml,),
         ("import", table, imported): (imported,),
         ("recover", recording, saved): (saved,),
         ("simulate", made, "--hours", "0.002"): (made,),
-        ("report", recording, "--out", both, "--figures", figures): (both, figures),
+        ("report", log, "--out", both, "--figures", figures): (both, figures),
     }
     for arguments, files in written.items():
         assert main([*map(str, arguments)]) == 0
@@ -78,15 +89,16 @@ def test_every_command_that_writes_names_what_it_wrote(recording, tmp_path, caps
             assert str(file) in said, arguments[0]
 
 
-def test_a_result_on_standard_output_stays_alone(recording, tmp_path, capsys):
+def test_a_result_on_standard_output_stays_alone(log, tmp_path, capsys):
     page = tmp_path / "r.html"
-    assert main(["analyse", str(recording), "--json", "-", "--report", str(page)]) == 0
+    assert main(["analyse", str(log), "--json", "-", "--report", str(page)]) == 0
     said = capsys.readouterr()
     assert said.out.startswith("{")
     assert said.out.rstrip().endswith("}")
     assert f"Saved: {page}" in said.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_replay_names_its_files_and_how_to_see_the_charts_again(recording, tmp_path, capsys):
     folder = tmp_path / "again"
     assert main(["replay", str(recording), "--view", "none", "--out", str(folder)]) == 0

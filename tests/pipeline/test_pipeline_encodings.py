@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 ENCODINGS = {
@@ -52,17 +53,26 @@ def folder(tmp_path):
     return folder
 
 
+@pytest.fixture
+def table(folder):
+    """Return one axis of each sensor: a report of six has three times the pictures."""
+    path = folder / "night.csv"
+    noise = np.random.default_rng(3).normal(0, [0.04, 0.001], (500, 2))
+    np.savetxt(path, np.column_stack([np.arange(500) / 52, noise]), fmt="%.6f", delimiter=",",
+               header="t[s],gx[dps],ax[g]", comments="")  # fmt: skip
+    return path
+
+
 @pytest.mark.parametrize("encoding", [ENCODINGS["cp1252"], ENCODINGS["C"]], ids=["cp1252", "C"])
-def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder):
-    recording, table = folder / "night.mcap", folder / "night.csv"
-    run("simulate", recording, "--hours", "0.01", "--rate", "52")
-    run("export", recording, table)
+def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder, table):
+    recording = folder / "night.mcap"
+    run("simulate", folder / "made.mcap", "--hours", "0.001", "--rate", "52")
+    run("import", table, recording)
     run("export", recording, folder / "night.parquet")
     run("export", recording, folder / "imu.yaml", "--upper-limits", "include")
-    run("import", table, folder / "again.mcap")
     run("recover", recording, folder / "saved.mcap")
     limits = folder / "limits.toml"
-    limits.write_text("# höchstens\n[gyro]\nN = 1.0\n", encoding="utf-8")
+    limits.write_text("# höchstens\n[gx]\nN = 1.0\n", encoding="utf-8")
     run("check", recording, "--against", limits)
     run("replay", recording, "--view", "none", "--out", folder / "replay")
     assert "τ" in (folder / "replay" / "report.html").read_text("utf-8")
@@ -73,10 +83,8 @@ def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder):
     assert said.count(b"\n") == 1
 
 
-def test_what_cannot_be_encoded_is_spelled_out(run, folder):
-    recording = folder / "night.mcap"
-    run("simulate", recording, "--hours", "0.01", "--rate", "52")
-    said, _ = run("analyse", recording, "--report", folder / "r.html", "--json", folder / "r.json")
+def test_what_cannot_be_encoded_is_spelled_out(run, folder, table):
+    said, _ = run("analyse", table, "--report", folder / "r.html", "--json", folder / "r.json")
     assert b"sqrt Hz" in said
     assert "τ" in (folder / "r.html").read_text("utf-8"), "files are in UTF-8 all the same"
     assert json.loads((folder / "r.json").read_text("utf-8"))["schema"] == "allanscope/1"

@@ -23,6 +23,8 @@ from allanscope.wire.native import NativeEncoder
 
 RATE, FRAME = 416.0, 9
 INFO = StreamInfo(AXES, (8.75e-3,) * 3 + (0.061e-3,) * 3, RATE, "LSM6DSM", "native", 1e-6, True, 7)
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SAID = "bytes arrive, but nothing could be decoded for 3 s"
 
 

@@ -115,6 +115,7 @@ def test_a_folder_is_analysed_and_imported(tmp_path):
     assert main(["import", str(path), str(tmp_path / "a.mcap"), "--quiet"]) == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_folder_is_replayed_as_its_recording_is(tmp_path):
     path, imported = folder(tmp_path / "a"), tmp_path / "a.mcap"
     assert main(["import", str(path), str(imported), "--quiet"]) == 0

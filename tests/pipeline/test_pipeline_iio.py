@@ -103,6 +103,7 @@ def test_what_cannot_be_read_is_said(tmp_path, xml, message):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="IIO is of Linux")
+@pytest.mark.usefixtures("undrawn")
 def test_live_records_what_the_buffers_give_and_a_replay_is_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr(devices, "SYSFS", tmp_path / "sys")
     monkeypatch.setattr(devices, "DEV", tmp_path / "dev")

@@ -139,9 +139,8 @@ def test_an_export_is_read_back_with_the_same_counts(run, session, tmp_path):
 
 
 @pytest.mark.parametrize("wire", ["tmsg", "datalog"])
-def test_stock_firmware_is_started_recognised_and_recorded(wire, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("allanscope.report.page.pictures", lambda _: {})  # drawn elsewhere
-    monkeypatch.setattr("allanscope.report.page.render", lambda *_, **__: "<html>")
+@pytest.mark.usefixtures("undrawn")
+def test_stock_firmware_is_started_recognised_and_recorded(wire, tmp_path, capsys):
     where = ("--view", "none", "--out", str(tmp_path / "session"))
     assert main(["live", "sim", "--wire", wire, "--for", "3s", *where, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

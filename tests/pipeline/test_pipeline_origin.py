@@ -16,7 +16,7 @@ def test_a_simulated_recording_is_called_simulated_in_json_report_and_terminal(
     wire, tmp_path, capsys
 ):
     recording, result, report = (tmp_path / name for name in ("a.mcap", "a.json", "a.html"))
-    assert main(["simulate", str(recording), "--hours", "0.01", "--wire", wire]) == 0
+    assert main(["simulate", str(recording), "--hours", "0.003", "--wire", wire]) == 0
     files = ["--json", str(result), "--report", str(report)]
     assert main(["analyse", str(recording), *files]) == 0
     assert json.loads(result.read_text())["origin"] == "synthetic"
@@ -29,6 +29,7 @@ def test_a_simulated_recording_is_called_simulated_in_json_report_and_terminal(
     assert status_line(analysis).endswith("simulated data")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_simulated_device_is_called_so_live_in_a_format_that_cannot_say_it(tmp_path, capsys):
     out = tmp_path / "session"
     command = ["live", "sim", "--wire", "datalog", "--for", "4s", "--view", "none"]

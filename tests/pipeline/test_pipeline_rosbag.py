@@ -291,6 +291,7 @@ def test_an_imported_bag_gives_the_result_of_the_bag(tmp_path):
         assert other == pytest.approx(axis["curves"]["oadev"]["deviation"], rel=1e-9)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_bag_is_replayed(tmp_path, capsys):
     path = bags.write_mcap(tmp_path / "a.mcap", SAID)
     assert main(["replay", str(path), "--view", "none"]) == 0

@@ -68,6 +68,27 @@ def test_steps_that_are_out_of_step_with_the_frames_are_not_added(
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
+@pytest.mark.parametrize(
+    ("frame", "poll_s", "ratio"),
+    [
+        (4, 24e-3, 8 / 5),  # the poll is slower than any adapter, and known
+        (5, 11e-3, 9 / 2),  # known finely enough to see that they are alike
+        (4, 17.7e-3, 2.036),  # they beat in two windows, nearly
+    ],
+)
+def test_frames_and_polls_in_step_are_no_rate(frame: int, poll_s: float, ratio: float) -> None:
+    """What creeps within a step is added, and what beats is passed over."""
+    z = []
+    for seed in range(20):
+        nominal_hz = frame / poll_s / ratio
+        away = (seed - 9.5) * 4e-6
+        one = stream(seed, nominal_hz, 80.0, frame=frame, jitter_s=3e-4, poll_s=poll_s, off=away)
+        clock = Clock(nominal_hz)
+        one.feed(clock)
+        z.append((clock.rate().hz / one.true_hz - 1.0) * 1e6 / clock.rate().uncertainty_ppm)
+    assert np.max(np.abs(z)) < 4.0, z
+
+
 @pytest.mark.parametrize("nominal_hz", [0.0, 104.0, 208.0])
 def test_neither_a_missing_nor_a_wrong_claim_matters(nominal_hz: float) -> None:
     for seed in range(10):

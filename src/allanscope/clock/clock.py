@@ -56,12 +56,13 @@ MOST_SEGMENTS = ROWS // 8
 IN_STEP_S = 5.0
 """For so long a reader and a device may keep in step without being alike to a per cent."""
 
-FEWEST_READS, EVEN, CLEAR = 16, 0.9, 0.1
+FEWEST_READS, EVEN, CLEAR, MOST_PAUSES = 16, 0.9, 0.1, 8.0
 """Reads that tell the cadence of a reader, the share that find as many samples as most where the
-cadence is that of the frames, and the scatter of arrivals in units of a pause that is seen."""
+cadence is that of the frames, the scatter of arrivals in units of a pause that is seen, and pauses
+between reads up to which they can be counted."""
 
 LONGEST_PAUSE_S = 20e-3
-"""No reader and no adapter makes bytes wait for longer."""
+"""No adapter makes bytes wait for longer, and no reader whose pauses are not seen."""
 
 SETTLED_S = 10.0
 """So long a time of a device is better than what its first rows showed."""
@@ -428,4 +429,10 @@ def _pause(index: NDArray[np.int64], time_s: NDArray[np.float64]) -> float:
         early, late = np.median(apart[apart <= middle]), np.median(apart[apart >= middle])
         scatter = np.median(np.minimum(np.abs(apart - early), np.abs(apart - late)))
         pause_s = float(late - early) if scatter < CLEAR * (late - early) else 0.0
-    return pause_s if pause_s <= LONGEST_PAUSE_S else 0.0
+    if not usual <= MOST_PAUSES * pause_s:
+        return pause_s
+    pauses = np.rint(apart / pause_s)
+    counted = (pauses > 0) & (np.abs(apart - pauses * pause_s) < pause_s / 4.0)
+    if np.mean(counted) < EVEN:  # of a reader that keeps no time
+        return pause_s
+    return float(apart[counted].sum() / pauses[counted].sum())

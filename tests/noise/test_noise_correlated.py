@@ -68,3 +68,14 @@ def test_ordinates_are_quadratic_forms_of_the_covariance(process):
 def test_means_cannot_be_averaged_again_where_that_would_be_wrong():
     with pytest.raises(ValueError, match="samples themselves"):
         PROCESSES[0].averaged(400).averaged(2)
+
+
+@pytest.mark.parametrize("stride", [1, 40])
+def test_the_misfit_of_powers_is_that_of_the_spectrum(stride: int) -> None:
+    rng = np.random.default_rng(5)
+    w = np.linspace(0.01, 3.0, 403)
+    covariance = ExponentialCovariance.second_order(0.8, 0.05).averaged(stride)
+    beside, power = rng.uniform(0.5, 2.0, len(w)), rng.exponential(2.0, len(w))
+    expected = beside + 0.7 * covariance.spectrum(w)
+    misfit = covariance.misfit(0.7, 2 * np.sin(w / 2) ** 2, power, beside)
+    assert misfit == pytest.approx(np.sum(np.log(expected) + power / expected), rel=1e-12)

@@ -122,15 +122,6 @@ typedef struct {
     int64_t p, bins;
 } problem;
 
-/* Up to four values from `at` on; `rest` where there are no more. */
-static inline __attribute__((always_inline)) lanes some_of(
-    const double *values, int64_t at, int64_t n, double rest) {
-    if (at + LANES <= n) return *(const lanes *)(values + at);
-    lanes found = {rest, rest, rest, rest};
-    for (int64_t b = at; b < n; b++) found[b - at] = values[b];
-    return found;
-}
-
 /* Fill in the variances and return the log-likelihood. */
 static double log_likelihood(const problem *of, const double *theta, double *restrict variance) {
     memcpy(variance, of->fixed, (size_t)of->bins * sizeof(double));

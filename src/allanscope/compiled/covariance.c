@@ -33,3 +33,24 @@ KERNEL(void, pole_ordinates)
         total[i] += (top_real * x + top_imag * y) / norm;
     }
 }
+
+/* Sum ln v + power / v over n bins, v = beside + white + tilt (1 - square) and what so many poles of
+   (weight, above, gap) give. */
+KERNEL(double, pole_misfit)
+(const double *square, const double *power, const double *beside, int64_t n, double white,
+ double tilt, const double *poles, int64_t count) {
+    lanes total = {0.0};
+    for (int64_t i = 0; i < n; i += LANES) {
+        lanes at = some_of(square, i, n, 0.0);
+        lanes variance = some_of(beside, i, n, 1.0) + white + tilt * (1.0 - at);
+        for (const double *pole = poles; pole < poles + 5 * count; pole += 5) {
+            lanes x = pole[3] + at;
+            double y = pole[4];
+            variance += pole[0] * ((pole[1] * x + pole[2] * y) / (x * x + y * y));
+        }
+        lanes own = log_of(variance) + some_of(power, i, n, 0.0) / variance;
+        for (int64_t b = n - i; b < LANES; b++) own[b] = 0.0;
+        total += own;
+    }
+    return sum_of(total);
+}

@@ -67,6 +67,15 @@ static inline lanes log_of(lanes x) {
     return k * 6.93147180369123816490e-01 - ((half - low) - f);
 }
 
+/* Up to four values from `at` on; `rest` where there are no more. */
+static inline __attribute__((always_inline)) lanes some_of(
+    const double *values, int64_t at, int64_t n, double rest) {
+    if (at + LANES <= n) return *(const lanes *)(values + at);
+    lanes found = {rest, rest, rest, rest};
+    for (int64_t b = at; b < n; b++) found[b - at] = values[b];
+    return found;
+}
+
 static inline int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 
 static inline double larger(double a, double b) { return b > a ? b : a; }

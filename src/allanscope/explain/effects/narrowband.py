@@ -38,8 +38,10 @@ from allanscope.explain.stationarity import (
     sweeps,
 )
 from allanscope.explain.view import View
+from allanscope.lazy import once
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
+from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
 from allanscope.optimise import minimise
@@ -309,15 +311,25 @@ class _Window:
 
         Of several bands: the last three again for each.
         """
+        grid, bands = self.grid, p[1:].reshape(-1, 3).tolist()
         variance = self.background * np.exp(p[0])
-        for log_variance, f0, log_width in p[1:].reshape(-1, 3).tolist():
-            width = float(np.exp(log_width))
+        for last, (log_variance, f0, log_width) in enumerate(bands, 1 - len(bands)):
+            width, size = float(np.exp(log_width)), float(np.exp(log_variance))
             inside = self.frequency[0] < f0 < self.frequency[-1]
             if not inside or not _FINEST_HZ < width < 1.5 * f0:
                 return _FORBIDDEN
-            band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
-            variance = variance + np.exp(log_variance) * band
+            band = self.shape(f0, width)
+            if last == 0 and isinstance(band, Correlated):
+                covariance = band.covariance(grid.dt).averaged(grid.stride)
+                misfit = covariance.misfit(size, self.square, self.power, variance)
+                return 0.5 * self.size * misfit
+            variance = variance + size * band.spectrum(self.frequency, grid.dt, grid.stride)
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
+
+    @once
+    def square(self) -> Array:
+        """2 sin^2 of half the phase from one row to the next."""
+        return np.asarray(2 * np.sin(np.pi * self.frequency * self.grid.stride * self.grid.dt) ** 2)
 
     def flat(self) -> float:
         """Return the least loss without a band."""

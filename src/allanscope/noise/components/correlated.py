@@ -89,11 +89,39 @@ class ExponentialCovariance:
         total = np.full(len(square), self.delta)
         if self.neighbour:
             total += np.ravel(2 * self.neighbour * np.cos(w))
-        for a, e in zip(self.amplitudes, self.rates, strict=True):
-            # Re(a sinh e / (cosh e - cos w)) with the difference written without cancellation.
-            above, gap = complex(a * np.sinh(e)), complex(2 * np.sinh(e / 2) ** 2)
-            _add_spectrum(square, len(square), above.real, above.imag, gap.real, gap.imag, total)
+        for pole in self._poles():
+            _add_spectrum(square, len(square), *pole, total)
         return total.reshape(np.shape(w))
+
+    def _poles(self) -> list[tuple[float, float, float, float]]:
+        """Re(a sinh e / (cosh e - cos w)) with the difference written without cancellation."""
+        pairs = (
+            (complex(a * np.sinh(e)), complex(2 * np.sinh(e / 2) ** 2))
+            for a, e in zip(self.amplitudes, self.rates, strict=True)
+        )
+        return [(above.real, above.imag, gap.real, gap.imag) for above, gap in pairs]
+
+    def misfit(self, variance: float, square: Array, power: Array, beside: Array) -> float:
+        r"""Return what Whittle's likelihood of such noise beside other is, times -2 a bin.
+
+        Parameters
+        ----------
+        variance : float
+            What this covariance is multiplied by.
+        square : ndarray, shape (b,)
+            2 sin^2 of half the phases.
+        power, beside : ndarray, shape (b,)
+            Powers measured, and expected of the other noise.
+
+        Returns
+        -------
+        float
+            :math:`\sum_b \ln \lambda_b + p_b / \lambda_b`.
+        """
+        poles = np.array([(variance, *pole) for pole in self._poles()]).ravel()
+        white, tilt = variance * self.delta, 2 * variance * self.neighbour
+        count = len(self.rates)
+        return float(_misfit(square, power, beside, len(square), white, tilt, poles, count))
 
     def averaged(self, stride: int) -> ExponentialCovariance:
         """Return the covariance of means over `stride` samples."""
@@ -169,6 +197,10 @@ _add_spectrum = kernel(
     *(float,) * 4,
     Pointer(np.float64, 1, written=True),
 )
+_misfit = kernel(
+    "pole_misfit", *(Pointer(np.float64, 1),) * 3, int, float, float, Pointer(np.float64, 1), int,
+    returns=float,
+)  # fmt: skip
 _add_ordinates = kernel(
     "pole_ordinates",
     *(Pointer(np.float64, 1), Pointer(np.float64, 1), int, *(float,) * 9),

@@ -352,3 +352,27 @@ def test_what_a_scan_says_of_a_step_is_its_score_and_information() -> None:
         box = ordinates_of(((a / RATE - 1e-9 <= TIME) & (b / RATE - 1e-9 > TIME)).astype(float))
         score, information = np.sum(box * view.ordinates / variance), np.sum(box**2 / variance)
         assert gain == pytest.approx(score**2 / information / 2, rel=1e-3)
+
+
+def test_only_candidates_that_are_picked_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    from allanscope.explain import effects
+
+    calls = []
+    measure = effects.marginal_covariance
+    monkeypatch.setattr(
+        effects, "marginal_covariance", lambda *given: calls.append(given) or measure(*given)
+    )
+    path, view = SearchPath(), view_of(noise(11))
+    slow = [KINDS[kind] for kind in ("ramp", "step", "excursion")]
+    found = proposals(view, slow, path)
+    assert len(found) == len(slow)
+    assert proposals(view, slow, path) == found  # a view is asked once
+    assert not calls
+    add(view, found, path)
+    assert len(calls) == 1  # the best, which is noted
+    finished = found[0].finished()
+    assert finished.gain == found[0].gain
+    assert finished.signal is not None
+    again = KINDS["ramp"].candidates(view)[0].effect.refine(view)
+    assert again is not None
+    assert again.effect == finished.effect

@@ -147,7 +147,7 @@ def test_a_jump_is_anywhere_between_its_row_and_the_one_before():
             relaxation.Relaxation: (t >= at) * np.exp(-np.maximum(t - at, 0.0) / tc),
         }
         for kind, shape in jumps.items():
-            for found in kind.propose(view_of(noise + size * shape)):
+            for found in kind.candidates(view_of(noise + size * shape)):
                 if found.excess > 0:
                     ranks[kind.kind].append(rank_of_instant(found.effect.time, at, 1 / RATE))
                     if kind is excursion.Excursion:
@@ -167,7 +167,7 @@ def test_what_a_warm_up_takes_of_the_noise_is_put_back():
     for _ in range(150):
         size, tc = np.exp(rng.uniform(np.log(3.0), np.log(10.0))), rng.uniform(12.0, 40.0)
         noise = rng.standard_normal(n) + np.cumsum(rng.normal(0, 0.02, n))
-        for found in warm_up.WarmUp.propose(view_of(noise + size * np.exp(-t / tc))):
+        for found in warm_up.WarmUp.candidates(view_of(noise + size * np.exp(-t / tc))):
             ranks.append(rank(found.effect.amplitude, size))
     assert len(ranks) == 150
     assert np.mean(np.abs(np.array(ranks) - 0.5) < 0.475) > 0.85

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,6 +79,8 @@ class Candidate:
         Where the same effect is seen.
     seen_in : str
         What showed it where it was not the rows.
+    finish : callable, or None
+        Returns effect and signal with what only a candidate that is picked needs (`finished`).
     """
 
     effect: EffectKind
@@ -94,6 +96,14 @@ class Candidate:
     held_out: HeldOut | None = None
     axes: tuple[str, ...] = ()
     seen_in: str = ""
+    finish: Callable[[], tuple[EffectKind, Array | None]] | None = field(default=None, repr=False)
+
+    def finished(self) -> Candidate:
+        """Return it with intervals and signal, which cost more than the gain it is ranked by."""
+        if self.finish is None:
+            return self
+        effect, signal = self.finish()
+        return replace(self, effect=effect, signal=signal, finish=None)
 
     @property
     def kind(self) -> str:

@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 _ROUNDS = 8
 """Most turns of amplitudes and noise."""
@@ -108,12 +109,19 @@ def exponential_ordinates(grid: Grid, tau: float, size: int) -> Array:
 
 def relaxing_ordinates(grid: Grid, at: int, tau: float, size: int) -> Array:
     """First ordinates of exp(-(t - t0) / tau) from sample `at` on, in closed form."""
-    angle, _ = _angles(grid, size)
+    turn, begin, end = _turns(grid, at, size)
     phi = np.exp(-1 / (tau * grid.rate_hz))
-    end = np.cos(np.pi * np.arange(1, size + 1)) * np.exp(-1j * angle * at)
     last = np.exp(-(grid.n - at) / (tau * grid.rate_hz)) * end
-    total = np.exp(1j * angle * (at + 0.5)) * (1 - last) / (1 - phi * np.exp(1j * angle))
+    total = begin * (1 - last) / (1 - phi * turn)
     return np.asarray(np.sqrt(2 / grid.n) * total.real)
+
+
+@lru_cache(maxsize=4)  # nearly all begin with the record
+def _turns(grid: Grid, at: int, size: int) -> tuple[Complex, Complex, Complex]:
+    """Return what the first cosines turn by in a sample, and where they are at both ends."""
+    angle, _ = _angles(grid, size)
+    end = np.cos(np.pi * np.arange(1, size + 1)) * np.exp(-1j * angle * at)
+    return np.exp(1j * angle), np.exp(1j * angle * (at + 0.5)), end
 
 
 def ramp_ordinates(grid: Grid, size: int) -> Array:
@@ -181,16 +189,21 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     kept, binned = _low_bins(view.grid, view.spectrum.excluded, m)
     d, covariance, powers = view.ordinates[:m], fit.covariance, fit.powers
 
-    def loglik(amplitude: Array) -> float:
-        taken = np.sum(columns * (covariance @ columns), axis=0)
+    def noise(amplitude: Array, taken: Array) -> tuple[Array, float]:
         means = binned((d - amplitude @ columns) ** 2 + taken)
         power[: len(means)] = means
-        return view.fitter.loglik(power, powers)
+        return view.fitter.powers(power, powers)
+
+    def taken_by(covariance: Array) -> Array:
+        return np.asarray(np.sum(columns * (covariance @ columns), axis=0))
 
     for _ in range(_ROUNDS):
-        loglik(fit.amplitude)
-        powers, _ = view.fitter.powers(power, powers)
+        powers, _ = noise(fit.amplitude, taken_by(covariance))
         covariance = _inverse((columns * kept / view.fitter.first(powers, m)) @ columns.T)
+    taken = taken_by(covariance)
+
+    def loglik(amplitude: Array) -> float:
+        return noise(amplitude, taken)[1]
 
     top = loglik(fit.amplitude)
 

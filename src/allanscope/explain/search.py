@@ -131,7 +131,10 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
             break
         if main and (folded := fold_steps(view, path)) is not view:
             view, former = folded, []
-        candidates = proposals(view, kinds, path)
+        if former and view.accepted[-1].effect.of_the_stream:  # the data are as they were
+            candidates = [c for c in former if KINDS[c.kind].has_place(view)]
+        else:
+            candidates = proposals(view, kinds, path)
         view = with_rivals(view, former, candidates)
         if main and (pair := add_pair(view, kinds, candidates, path)) is not None:
             view, former = _fitted(pair, path), []

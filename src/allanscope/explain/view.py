@@ -113,6 +113,11 @@ class View:
         return View(self.series, self.grid, self.axis, samples, *known, clock=self.clock)
 
     @once
+    def proposed(self) -> dict[str, tuple[Candidate, ...]]:
+        """What kinds of effects have proposed (`EffectKind.proposed`)."""
+        return {}
+
+    @once
     def ordinates(self) -> Array:
         """DCT-II ordinates of the data without the mean, shape (n - 1,)."""
         if all(c.signal is None for c in self.accepted):
@@ -272,6 +277,7 @@ class View:
 
     def accept(self, candidate: Candidate) -> View:
         """Return the view with one more effect."""
+        candidate = candidate.finished()
         data = self.data if candidate.signal is None else self.data - candidate.signal
         return replace(
             self,

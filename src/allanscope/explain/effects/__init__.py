@@ -201,8 +201,15 @@ class EffectKind(ABC):
 
     @classmethod
     def candidates(cls, view: View) -> list[Candidate]:
-        """Return what it proposes; nothing where it has no place."""
-        return list(cls.propose(view)) if cls.has_place(view) else []
+        """Return what it proposes, finished; nothing where it has no place."""
+        return [one.finished() for one in cls.proposed(view)]
+
+    @classmethod
+    def proposed(cls, view: View) -> list[Candidate]:
+        """Return what it proposes, as far as ranking needs it; asked once of a view."""
+        if cls.kind not in view.proposed:
+            view.proposed[cls.kind] = tuple(cls.propose(view)) if cls.has_place(view) else ()
+        return list(view.proposed[cls.kind])
 
     @classmethod
     def available(cls, view: View) -> bool:
@@ -373,11 +380,20 @@ class SizedSignal(EffectKind):
 
     def measured(self, view: View, log_alternatives: float) -> Candidate:
         """Fit the size and the noise together."""
+        return self.ranked(view, log_alternatives).finished()
+
+    def ranked(self, view: View, log_alternatives: float) -> Candidate:
+        """Return `measured` to be finished: with the gain alone."""
         columns = self.columns(view)
         fit = joint_fit(view, columns)
-        covariance = marginal_covariance(view, columns, fit)
+
+        def finish() -> tuple[EffectKind, Array | None]:
+            covariance = marginal_covariance(view, columns, fit)
+            done = self.solved(view, bare, fit.amplitude, covariance)
+            return done.effect, done.signal
+
         bare = Candidate(self, fit.gain, log_alternatives)
-        return self.solved(view, bare, fit.amplitude, covariance)
+        return replace(bare, finish=finish)
 
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array

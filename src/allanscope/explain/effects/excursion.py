@@ -162,7 +162,7 @@ class Excursion(PlacedSignal):
         length = max(view.series.duration_s / _PENALTY_S, 1.0)
         looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
         size = Estimate(1.0, unit=view.unit)
-        return cls(time, duration, size, **placed).measured(view, looked_at)
+        return cls(time, duration, size, **placed).ranked(view, looked_at)
 
     @classmethod
     def _near(cls, view: View, first: int, last: int) -> Candidate | None:
@@ -183,9 +183,8 @@ class Excursion(PlacedSignal):
         lasts = min(lasts[0], last - first), max(lasts[1], last - first)
         begins = ends_of(begin.instants)
         shrinkage, scatter = begin.shrinkage * end.shrinkage, np.hypot(begin.scatter, end.scatter)
-        return cls._at(
-            view, first, last, begins, lasts, shrinkage=shrinkage, scatter=float(scatter)
-        )
+        placed = {"shrinkage": shrinkage, "scatter": float(scatter)}
+        return cls._at(view, first, last, begins, lasts, **placed).finished()
 
 
 def _column(view: View, first: int, last: int) -> Array:

@@ -43,7 +43,7 @@ class Ramp(SizedSignal):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit one slope."""
-        return [cls(Estimate(1.0, unit=f"{view.unit}/s")).measured(view, 0.0)]
+        return [cls(Estimate(1.0, unit=f"{view.unit}/s")).ranked(view, 0.0)]
 
     def refine(self, view: View) -> Candidate:
         """Estimate the slope again."""

@@ -329,17 +329,22 @@ def _slow_pair(grid: Grid, frequency: float) -> Array:
     ratios exp(i (w + a)) and exp(i (w - a)), a = pi k / n; exp(i n a) is 1 or -1.
     """
     n, m = grid.n, grid.low
-    k = np.arange(1, m + 1)
-    half = np.pi * k / (2 * n)
+    half = np.pi * np.arange(1, m + 1) / (2 * n)
     w = 2 * np.pi * frequency / grid.rate_hz
     below = np.sin(w / 2 - half)
-    met = np.abs(below) < 1e-12
-    poles = 1 / np.sin(w / 2 + half) + 1 / np.where(met, 1.0, below)
+    met = np.flatnonzero(np.abs(below) < 1e-12)
+    below[met] = 1.0
+    poles = 1 / np.sin(w / 2 + half) + 1 / below
     end = np.exp(1j * w * n)
-    total = 0.25j * np.exp(-0.5j * w) * np.where(k % 2, 1 + end, 1 - end) * poles
-    total[met] = 0.5 * n * np.exp(-1j * half[met])
-    total *= np.sqrt(2 / n)
-    return np.vstack([total.real, total.imag])
+    pair = np.empty((2, m))
+    for first, ends in ((0, 1 + end), (1, 1 - end)):  # odd and even ordinates
+        total = 0.25j * np.exp(-0.5j * w) * ends
+        np.multiply(total.real, poles[first::2], out=pair[0, first::2])
+        np.multiply(total.imag, poles[first::2], out=pair[1, first::2])
+    at_pole = 0.5 * n * np.exp(-1j * half[met])
+    pair[:, met] = at_pole.real, at_pole.imag
+    pair *= np.sqrt(2 / n)
+    return pair
 
 
 def _pair(view: View, frequency: float) -> Array:

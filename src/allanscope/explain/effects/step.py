@@ -139,7 +139,7 @@ class Step(Jump, PlacedSignal):
             return []
         start = max(found, key=lambda one: one[0])[1]
         best = cls._at(view, Estimate.exact(start / rate, "s"))
-        if _is_hop(view, best.effect):
+        if _is_hop(view, best):
             return []
         best = replace(best, gain=best.gain / local_power_ratio(view.data, rate, start, start))
         return [cls._near(view, start) if best.excess > 0 else best]
@@ -160,7 +160,7 @@ class Step(Jump, PlacedSignal):
     def _at(cls, view: View, time: Estimate, **placed: float) -> Candidate:
         """Fit the size of a jump at an instant."""
         step = cls(time, Estimate(1.0, unit=view.unit), **placed)
-        return step.measured(view, cls.looked_at(view))
+        return step.ranked(view, cls.looked_at(view))
 
     @classmethod
     def _near(cls, view: View, row: int) -> Candidate:
@@ -175,17 +175,17 @@ class Step(Jump, PlacedSignal):
         if early < late:  # where rows are missing it was at any time between those on both sides
             first, last = min(first, early - 1), max(last, late)
         time = instant_before(place.best, (first, last), rate)
-        return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter)
+        return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter).finished()
 
 
 def _column(view: View, row: int) -> Array:
     return np.asarray(step_ordinates(view.grid, row, view.grid.low)[np.newaxis])
 
 
-def _is_hop(view: View, found: EffectKind) -> bool:
+def _is_hop(view: View, candidate: Candidate) -> bool:
     """Return whether a step is one of the hops of a telegraph signal that is already known."""
+    signals = [c.effect for c in view.accepted if isinstance(c.effect, RandomTelegraph)]
+    found = candidate.finished().effect if signals else candidate.effect
     return isinstance(found, Step) and any(
-        abs(found.size.value) < _HOPS * c.effect.amplitude.value
-        for c in view.accepted
-        if isinstance(c.effect, RandomTelegraph)
+        abs(found.size.value) < _HOPS * one.amplitude.value for one in signals
     )

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -28,7 +28,7 @@ from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, marginal_covariance
+from allanscope.explain.regression import Regression, joint_fit, marginal_covariance
 from allanscope.explain.view import View
 from allanscope.optimise import minimise_between
 
@@ -150,7 +150,7 @@ class Temperature(EffectKind):
 
     def refine(self, view: View) -> Candidate:
         """Estimate it again, with what has become visible of its lag and its curve."""
-        return replace(self, lag=None, curvature=None).extended(view)
+        return replace(self, lag=None, curvature=None).extended(view).finished()
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the temperature with the numbers that are known."""
@@ -236,15 +236,22 @@ class Temperature(EffectKind):
                 refused = refused or extend
         if best.lag is not None and best.curvature is not None:
             best = _late(replace(best, lag=None), view, 0.0)  # the one was found without the other
-        return best.measured(view, price)
+        return best.ranked(view, price)
 
     def gain(self, view: View) -> float:
         """Return what it gains, sizes and noise fitted."""
         return joint_fit(view, self.terms(view), rounds=5).gain
 
-    def measured(self, view: View, price: float) -> Candidate:
+    def ranked(self, view: View, price: float) -> Candidate:
         """Fit the sizes and the noise together."""
         fit = joint_fit(view, self.terms(view))
+        bare = Candidate(self, fit.gain, price)
+        return replace(bare, finish=partial(self._finished, view, bare, fit))
+
+    def _finished(
+        self, view: View, bare: Candidate, fit: Regression
+    ) -> tuple[EffectKind, Array | None]:
+        """Return the effect with the errors of its numbers, and its signal."""
         sizes = [*fit.amplitude, *([0.0] if self.lag is not None else [])]
         sized = replace(self, slope=replace(self.slope, value=float(fit.amplitude[0])))
         if self.curvature is not None:
@@ -259,8 +266,8 @@ class Temperature(EffectKind):
             covariance=np.asarray(np.linalg.pinv((columns * weight) @ columns.T, hermitian=True)),
         )
         covariance = marginal_covariance(view, columns, known)
-        bare = Candidate(sized, fit.gain, price)
-        return sized.solved(view, bare, known.amplitude, covariance)
+        done = sized.solved(view, bare, known.amplitude, covariance)
+        return done.effect, done.signal
 
 
 def _level(view: View) -> float | None:

@@ -107,7 +107,7 @@ class WarmUp(EffectKind):
     def refine(self, view: View) -> Candidate:
         """Estimate time constant and amplitude again."""
         tc = self.time_constant.value
-        return _candidate(view, tc / 1.6, tc * 1.6)
+        return _candidate(view, tc / 1.6, tc * 1.6).finished()
 
     def signal(self, view: View) -> Array:
         """Return the exponential."""
@@ -164,18 +164,22 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     )
     tc = float(np.exp(best))
     fit = joint_fit(view, _column(view, tc))
-    spectrum = fit.spectrum
-    # Gauss-Newton errors of both numbers under the final noise
-    m = view.grid.low
     amplitude = float(fit.amplitude[0])
-    jacobian = np.vstack([_column(view, tc)[0], amplitude * _derivative(view, tc)])
-    weight = spectrum.kept[:m] / spectrum.first(m)
-    covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
-    found = replace(fit, amplitude=np.array([amplitude, 0.0]), covariance=covariance)
-    covariance = marginal_covariance(view, jacobian, found)
-    error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
-    effect = _warm_up(view, tc, amplitude, float(error), float(log_error))
-    return Candidate(effect, fit.gain, float(np.log(8)), signal=effect.signal(view))
+
+    def finish() -> tuple[WarmUp, Array]:
+        # Gauss-Newton errors of both numbers under the final noise
+        spectrum, m = fit.spectrum, view.grid.low
+        jacobian = np.vstack([_column(view, tc)[0], amplitude * _derivative(view, tc)])
+        weight = spectrum.kept[:m] / spectrum.first(m)
+        covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
+        found = replace(fit, amplitude=np.array([amplitude, 0.0]), covariance=covariance)
+        covariance = marginal_covariance(view, jacobian, found)
+        error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
+        effect = _warm_up(view, tc, amplitude, float(error), float(log_error))
+        return effect, effect.signal(view)
+
+    effect = _warm_up(view, tc, amplitude, np.inf, np.inf)
+    return Candidate(effect, fit.gain, float(np.log(8)), finish=finish)
 
 
 def _warm_up(view: View, tc: float, size: float, error: float, log_error: float) -> WarmUp:

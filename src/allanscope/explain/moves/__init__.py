@@ -120,6 +120,7 @@ class SearchPath:
     def was_dropped(self, candidate: Candidate, grid: Grid) -> bool:
         """Return whether this hypothesis was taken before and dropped."""
         return any(
-            candidate.kind == former.kind and candidate.effect.is_same(former.effect, grid)
+            candidate.kind == former.kind
+            and candidate.finished().effect.is_same(former.effect, grid)
             for former in self._dropped
         )

@@ -38,7 +38,7 @@ def proposals(view: View, kinds: Iterable[type[EffectKind]], path: SearchPath) -
     found = []
     for kind in kinds:
         path.evaluations += 1
-        found += [c for c in kind.candidates(view) if not path.was_dropped(c, view.grid)]
+        found += [c for c in kind.proposed(view) if not path.was_dropped(c, view.grid)]
     return found
 
 
@@ -62,7 +62,7 @@ def _judged(
     view: View, candidates: list[Candidate], path: SearchPath, move: str
 ) -> Iterator[Candidate]:
     """Generate the candidates that pass every gate, best first, and note why others do not."""
-    for candidate in _ranked(candidates):
+    for candidate in map(Candidate.finished, _ranked(candidates)):
         if not penalty_passed(view, candidate, path.spent):
             path.note(move, candidate, "penalty: the log-likelihood gain is below the penalty")
             return
@@ -182,11 +182,12 @@ def add_bundle(
     for _ in range(_MOST):
         if trial is not view:
             candidates = proposals(trial, slow, path)
-        own = [c for c in candidates if c.effect.is_slow and not refused(trial, c)]
-        promising = [c for c in own if c.gain > _PROMISING]
-        if not promising:
+        own = (c for c in candidates if c.effect.is_slow and c.gain > _PROMISING)
+        ranked = (c.finished() for c in sorted(own, key=lambda c: -c.excess))
+        best = next((c for c in ranked if not refused(trial, c)), None)
+        if best is None:
             return None
-        trial = trial.accept(max(promising, key=lambda c: c.excess))
+        trial = trial.accept(best)
         gain = trial.spectrum.loglik - view.spectrum.loglik
         missing = path.spent + penalties(trial, first) - gain
         if missing > _HOPELESS:

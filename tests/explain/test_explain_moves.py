@@ -18,11 +18,18 @@ from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
-from allanscope.explain.gates import growth, growth_remarks, judge, penalties, penalty_passed
+from allanscope.explain.gates import (
+    growth,
+    growth_remarks,
+    judge,
+    penalties,
+    penalty_passed,
+)
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, refuse
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
+from allanscope.explain.moves.give_back import give_back
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.regression import ordinates_of
 from allanscope.explain.residual import error_of
@@ -126,6 +133,26 @@ def test_drop_removes_what_no_longer_pays_and_it_is_not_taken_again() -> None:
     assert path.steps[-1].move == "drop"
     again = proposals(left, [KINDS["sinusoid"]], path)
     assert all(round(line.frequency.value) != 7 for line in lines_of(again))
+
+
+@pytest.mark.parametrize("bad", [0.0, 12.0])
+def test_outliers_that_a_coupling_explains_are_given_back(bad: float) -> None:
+    rng = np.random.default_rng(3)
+    size = int(RATE) // 2
+    envelope = np.repeat(np.exp(rng.normal(0, 0.8, N // size)), size)
+    axis = noise(12) * np.sqrt(0.8 + 0.2 * envelope**2 / np.mean(envelope**2))
+    axis[1000] += bad
+    rows = np.column_stack([axis, 3 * envelope * noise(13)])
+    series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, np.zeros(N, np.bool_))
+    view = View(series, series.grid, "gx", rows[:, 0], 0.0)
+    found = best_of(view, "outliers")
+    view = view.accept(found)
+    view = view.accept(best_of(view, "amplitude_coupling"))
+    path = SearchPath()
+    left = give_back(view, path)
+    assert [c.kind for c in left.accepted] == ["amplitude_coupling"]
+    again = proposals(left, [KINDS["outliers"]], path)
+    assert [c.parameters["count"].value for c in (one.effect for one in again)] == [1] * bool(bad)
 
 
 def test_an_effect_that_makes_the_error_grow_is_refused_and_the_search_says_why() -> None:

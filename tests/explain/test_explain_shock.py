@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
+from allanscope.explain.effects.shock import _tail
 from allanscope.explain.heldout import _contradiction
 from allanscope.explain.shock_rows import find_shock_rows
 
@@ -96,6 +97,28 @@ def test_pieces_of_a_shock_contradict_a_step_and_a_true_step_does_not(bench):
 
 
 RATE = 104.0
+
+
+@pytest.mark.parametrize("peak", [12.0, 30.0, 100.0])
+def test_what_rings_on_below_what_is_loud_is_taken_out_too(peak):
+    """Of a peak of 12 deviations a ringing of three was left: a band of noise at its frequency."""
+    rng, block, first = np.random.default_rng(5), 32, 2000
+    late = np.maximum(np.arange(6000) - first, 0) / (0.4 * RATE)
+    ring = peak * np.exp(-late) * np.cos(2 * np.pi * 0.15 * np.arange(6000)) * (late > 0)
+    stop = first + int(0.4 * RATE * np.log(peak / 6))
+    for _ in range(20):
+        data = ring + rng.standard_normal(6000)
+        end = stop + _tail(data, first - block, stop, block) + block
+        assert np.sum(ring[end:] ** 2) / 2 < 3  # nats
+
+
+def test_a_slope_and_noise_that_stays_loud_are_no_ringing():
+    rows = np.arange(6000)
+    noise = np.random.default_rng(6).standard_normal(6000)
+    loud = noise * np.where(rows > 2000, 5.0, 1.0)
+    assert _tail(noise + 0.2 * np.maximum(rows - 2000, 0), 2000, 2050, 32) <= 32
+    assert _tail(loud, 2000, 2050, 32) <= 4 * 32
+    assert _tail(noise, 10, 2050, 32) == 0  # nothing before it tells how loud noise is
 
 
 def soft(rng, peak, decay_s=0.4, hz=15.6, at=20.0, seconds=40.0):

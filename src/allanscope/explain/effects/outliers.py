@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import View
 from allanscope.median import median
+from allanscope.noise.grid import Grid
 from allanscope.quantities import counted
 
 Array = NDArray[np.float64]
@@ -65,6 +66,11 @@ class Outliers(EffectKind):
         how_many = counted(round(self.count.value), "isolated outlier")
         most = f"{self.largest_deviations:.1f} standard deviations from the mean"
         return f"{how_many}, up to {most}"
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Return whether other outliers are the same: in other noise there are more, or fewer."""
+        del grid
+        return self.count.value == other.count.value
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

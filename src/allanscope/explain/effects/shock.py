@@ -27,7 +27,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.noise_level_border import instant_of
-from allanscope.explain.shock_rows import ShockRows
+from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 
@@ -40,9 +40,8 @@ _OFF_ROWS = 12
 """Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
 _MARGIN_S = 0.3
 """Before and after what is loud, taken out too."""
-_LOUD_PEAK, _LEAST_LOUD, _LOST, _FALLEN = 20.0, 6.0, 0.3, 0.3
-"""Sigma of the peak from which its decay is told, at which it is no longer loud, and at which the
-ringing is lost in the noise; part of its peak to which it has fallen in its last quarter."""
+_BLOCKS = 10
+"""Blocks before a shock that tell how loud noise is by chance."""
 _ALIKE_ROWS, _ALIKE_SIZES = 50, 4
 """Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
 _LEVELS = 3.0
@@ -106,7 +105,7 @@ class Shock(EffectKind):
         known = [_extent(c.effect, view) for c in view.accepted if isinstance(c.effect, Shock)]
         found = [
             _candidate(view, shaken)
-            for shaken in view.series.shocks
+            for shaken in _shaken(view)
             if view.axis in shaken.axes
             and not any(first < shaken.stop and shaken.first < stop for first, stop in known)
         ]
@@ -121,6 +120,16 @@ class Shock(EffectKind):
         is_within = bool(times) and all(first <= time <= stop for time in times)
         has_one = any(first <= t <= stop for c in view.accepted for t in _ends(c.effect))
         return "part of a shock" if is_within and (len(times) > 1 or has_one) else ""
+
+
+def _shaken(view: View) -> Iterable[ShockRows]:
+    """Return the shocks of the record; where a coupling is known, those in what it leaves."""
+    if not any("source" in c.effect.parameters for c in view.accepted):
+        return view.series.shocks
+    axes = view.series.axes
+    rows = {axis: view.cleaned_source(axis) for axis in axes} | {view.axis: view.data}
+    steps = dict(zip(axes, view.series.lsb, strict=True))
+    return find_shock_rows(rows, view.grid.rate_hz, steps)
 
 
 def _ends(effect: EffectKind) -> list[float]:
@@ -146,7 +155,7 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate | None:
         return None
     margin = int(np.ceil(_MARGIN_S * rate))
     first = max(0, shaken.first - margin)
-    stop = min(n, shaken.stop + max(margin, _tail(view.data, shaken.first, shaken.stop, sigma)))
+    stop = min(n, shaken.stop + _tail(view.data, first, shaken.stop, margin) + margin)
     rest, level = _quiet(view.data, first, stop, sigma)
     signal = np.zeros(n)
     signal[first:stop] = view.data[first:stop] - rest
@@ -182,18 +191,28 @@ def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:
     return bool(lasts and inside - other < _HALF * (inside - one))
 
 
-def _tail(data: Array, first: int, stop: int, sigma: float) -> int:
-    """Return the rows for which a loud shock rings on below what is loud; 0 where it does not ring.
+def _tail(data: Array, first: int, stop: int, size: int) -> int:
+    """Return the rows for which a shock rings on below what is loud, in blocks of a size.
 
-    What falls exponentially from its peak is no longer loud after some decay times, and rings until
-    it is lost in the noise; not longer than it was loud.
+    A ringing falls: each block is louder than all of those before the shock, and quieter than the
+    last one. Slopes are the level's.
     """
-    size = np.abs(data[first:stop] - np.median(data)) / sigma
-    peak, end = float(size.max()), float(size[-(len(size) // 4) - 1 :].max())
-    if peak < _LOUD_PEAK or end > _FALLEN * peak:
-        return 0
-    decay = (stop - first) / np.log(peak / _LEAST_LOUD)
-    return int(min(np.log(_LEAST_LOUD / _LOST) * decay, stop - first))
+    begins = range(max(first % size, first - _BLOCKS * size), first, size)
+    quiet = max((_loudness(data[i : i + size]) for i in begins), default=np.inf)
+    rows, last = 0, np.inf
+    while stop + rows + size <= len(data):
+        loud = _loudness(data[stop + rows : stop + rows + size])
+        if not quiet < loud < last:
+            break
+        rows, last = rows + size, loud
+    return rows
+
+
+def _loudness(rows: Array) -> float:
+    """Return the mean square of rows about a straight line."""
+    time = np.arange(len(rows)) - (len(rows) - 1) / 2
+    rest = rows - rows.mean()
+    return float(np.mean((rest - time * (time @ rest) / max(time @ time, 1.0)) ** 2))
 
 
 def _peak(size: Array, sigma: float, unit: str) -> Estimate:

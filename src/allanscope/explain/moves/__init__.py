@@ -9,7 +9,7 @@
 `drop`                effects that later ones have made superfluous
 `fold_sidebands`      a carrier and its sidebands become the one modulated tone that they are
 `fold_steps`          two opposite steps become the one excursion that they are
-`give_back`           bursts that a coupling explains, which was not known before them
+`give_back`           bursts and outliers that a coupling explains, which is found after them
 `split_bands`         a band becomes the two resonances within each other's width that it is
 `replace_drift`       slow effects that are pieces of a drift without a name become `unexplained`
 `resolve_tones`       what was left out of the fit becomes the lines that drift in it

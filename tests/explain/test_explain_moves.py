@@ -24,6 +24,7 @@ from allanscope.explain.gates import (
     judge,
     penalties,
     penalty_passed,
+    refused,
 )
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
@@ -153,6 +154,18 @@ def test_outliers_that_a_coupling_explains_are_given_back(bad: float) -> None:
     assert [c.kind for c in left.accepted] == ["amplitude_coupling"]
     again = proposals(left, [KINDS["outliers"]], path)
     assert [c.parameters["count"].value for c in (one.effect for one in again)] == [1] * bool(bad)
+
+
+@pytest.mark.parametrize("seed", range(4, 8))
+def test_a_jump_beside_a_telegraph_signal_is_no_hop(seed: int) -> None:
+    at_s = np.sort(np.random.default_rng(seed).uniform(0, N / RATE, 60))
+    hops = np.where(np.searchsorted(at_s, TIME) % 2, 1.0, -1.0)
+    for size in (0.0, 4.0):
+        jump = size * (at_s[30] < TIME)
+        view = view_of(0.3 * noise(seed) + hops + jump)
+        known = view.accept(best_of(view_of(0.3 * noise(seed) + hops), "random_telegraph"))
+        step = best_of(view_of(0.3 * noise(seed) + (size or 2.0) * (at_s[30] < TIME)), "step")
+        assert bool(refused(known, step)) is (size == 0.0)
 
 
 def test_an_effect_that_makes_the_error_grow_is_refused_and_the_search_says_why() -> None:

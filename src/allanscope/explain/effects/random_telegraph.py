@@ -151,6 +151,21 @@ class RandomTelegraph(EffectKind):
         is_code = 1 / _ONE_CODE < codes < _ONE_CODE and not is_slow
         return None if is_code or not removes(view, candidate) else candidate
 
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Refuse a change of the level that is hops: with a path beside it, it gains too little.
+
+        To their spectrum, as to any, a few hops that happen to go one way are a jump.
+        """
+        if not other.effect.is_piecewise or other.signal is None:
+            return ""
+        bare, logliks = view.without(known), []
+        for one in (bare, bare.accept(other)):
+            found = _candidate(one, self.path_amplitude, self.dwell.value)
+            if found is None:
+                return ""
+            logliks.append(one.spectrum.loglik + found.gain)
+        return "hops of the telegraph signal" if logliks[1] - logliks[0] < other.penalty else ""
+
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""
         path = _path(view, self.path_amplitude, self.dwell.value, _TO_JUDGE)

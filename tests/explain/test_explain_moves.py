@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from allanscope.explain import Budget
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, ResidualError
-from allanscope.explain.effects import KINDS, narrowband
+from allanscope.explain.effects import KINDS, gauss_markov, narrowband
 from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
@@ -28,7 +28,7 @@ from allanscope.explain.gates import (
 )
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
-from allanscope.explain.moves.drop import drop, refuse
+from allanscope.explain.moves.drop import drop, drop_taken_over, refuse
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.give_back import give_back
 from allanscope.explain.moves.refit import refit
@@ -134,6 +134,39 @@ def test_drop_removes_what_no_longer_pays_and_it_is_not_taken_again() -> None:
     assert path.steps[-1].move == "drop"
     again = proposals(left, [KINDS["sinusoid"]], path)
     assert all(round(line.frequency.value) != 7 for line in lines_of(again))
+
+
+def behind_low_pass(x: Array) -> Array:
+    keep = np.exp(-2 * np.pi * 8.0 / RATE)
+    return np.asarray(lfilter([1 - keep], [1, -keep], x))
+
+
+def with_process_and_low_pass(
+    samples: Array, low_s: float, high_s: float
+) -> tuple[View, Candidate]:
+    """Return a view with correlated noise and the low-pass that is found beside it."""
+    view = view_of(samples)
+    process = gauss_markov._candidate(view, low_s, high_s)
+    first = view.accept(process)
+    return first.accept(best_of(first, "band_limit")), process
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_process_that_a_low_pass_takes_over_is_dropped(seed: int) -> None:
+    """Two poles: correlated noise is half of the bend, and the low-pass is found for the rest."""
+    samples = behind_low_pass(behind_low_pass(noise(seed)))
+    both, process = with_process_and_low_pass(samples, 0.02, 0.1)
+    without = both.without(process)
+    assert both.spectrum.loglik - without.spectrum.loglik > 100  # where that is left in its place
+    left = drop_taken_over(both, SearchPath())
+    assert [c.kind for c in left.accepted] == ["band_limit"]
+    assert left.spectrum.loglik > both.spectrum.loglik - process.penalty
+
+
+def test_a_process_and_a_low_pass_that_are_both_there_stay() -> None:
+    slow = lfilter([0.2], [1, -np.exp(-1 / RATE)], noise(11))
+    both, _ = with_process_and_low_pass(behind_low_pass(noise(1)) + slow, 0.3, 3.0)
+    assert drop_taken_over(both, SearchPath()) is both
 
 
 @pytest.mark.parametrize("bad", [0.0, 12.0])

@@ -29,7 +29,7 @@ from allanscope.explain.moves.add import (
     proposals,
     with_rivals,
 )
-from allanscope.explain.moves.drop import drop
+from allanscope.explain.moves.drop import drop, drop_taken_over
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.give_back import give_back
 from allanscope.explain.moves.refit import refit
@@ -93,6 +93,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
             if stage == _LEVEL_AND_SPECTRUM:
                 replaced = replace_drift(view, path)
                 view = view if replaced is view else _fitted(replaced, path)
+                view = drop_taken_over(view, path)
         if len(view.accepted) == before or path.is_full or path.stopped:
             break
     path.enter(int(_FEW * budget.evaluations))

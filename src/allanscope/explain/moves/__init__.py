@@ -7,6 +7,7 @@
 `add_bundle`          several slow effects that pass together though none passes alone
 `refit`               every effect estimated again given the others
 `drop`                effects that later ones have made superfluous
+`drop_taken_over`     processes that the others take over once they are estimated again
 `fold_sidebands`      a carrier and its sidebands become the one modulated tone that they are
 `fold_steps`          two opposite steps become the one excursion that they are
 `give_back`           bursts and outliers that a coupling explains, which is found after them

@@ -1,23 +1,28 @@
-"""Drop effects that later ones have made superfluous, or that have no size beside them."""
+"""Drop effects that later ones have made superfluous or take over, or that have no size."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, SearchStep
 from allanscope.explain.gates import growth, is_measured
 from allanscope.explain.moves import SearchPath
+from allanscope.explain.moves.refit import estimate_again
 from allanscope.explain.view import View
 
-__all__ = ["drop", "refuse"]
+__all__ = ["drop", "drop_taken_over", "refuse"]
 
 _BEYOND_DOUBT = 1000.0
 """Gain in nats that no error of a curve outweighs, unless another effect gains the same."""
 _MOST_REFUSED, _SUSPECTS, _CERTAIN = 2, 3, 6
 """Most effects that are refused after all, and how many of small and of large gain are tried each
 time: each is a fit."""
+_ROUNDS = 2
+"""Turns in which the others are estimated again."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 
@@ -36,6 +41,39 @@ def drop(view: View, path: SearchPath) -> View:
             view = view.without(candidate)
             path.drop(candidate)
     return view
+
+
+def drop_taken_over(view: View, path: SearchPath) -> View:
+    """Return the view without processes that the others take over once they are estimated again.
+
+    The first is fitted to the sum, and the next to what that leaves: a low-pass beside correlated
+    noise that has half of its bend. Where each stays as it is both gain; what gains more than its
+    penalty when the others move as well is no stopgap.
+    """
+    while True:
+        processes = [c for c in view.accepted if c.effect.is_process and c.effect.stage == 2]
+        if len(processes) < 2:
+            return view
+        trials = [(_taken_over(view, c, path), c) for c in processes]
+        bare, candidate = min(trials, key=lambda one: _loss(view, *one))
+        if path.is_spent or _loss(view, bare, candidate) >= 0:
+            return view
+        path.drop(candidate)
+        view = bare
+
+
+def _taken_over(view: View, candidate: Candidate, path: SearchPath) -> View:
+    bare = view.without(candidate)
+    for _ in range(_ROUNDS):
+        bare = estimate_again(bare, path)
+    return bare
+
+
+def _loss(view: View, bare: View, candidate: Candidate) -> float:
+    """Return by how much less likely a view is without an effect, over the penalty of that."""
+    if not all(map(is_measured, bare.accepted)):
+        return np.inf
+    return view.spectrum.loglik - bare.spectrum.loglik - candidate.penalty
 
 
 def refuse(

@@ -9,13 +9,18 @@ from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 from allanscope.noise.components import MovingLine
 
-__all__ = ["refit"]
+__all__ = ["estimate_again", "refit"]
 
 
 def refit(view: View, path: SearchPath) -> View:
-    """Return the view with every effect of the spectrum and the level estimated again."""
+    """Return the view with every effect estimated again, where there are others beside it."""
     if len([c for c in view.accepted if c.effect.stage == 2 or c.effect.is_unnamed_drift]) < 2:
         return view
+    return estimate_again(view, path)
+
+
+def estimate_again(view: View, path: SearchPath) -> View:
+    """Return the view with every effect of the spectrum and the level estimated again, in turn."""
     for candidate in view.accepted:
         if candidate.effect.stage != 2 or _was_measured(candidate):
             continue

@@ -12,7 +12,8 @@ effects, which are known then, and whose noise spans a few steps; long recording
 pieces. Into each goes one effect of every kind at 1, 2, 3, 5 and 10 times its limit of detection
 (`injection_effects.py`), before the values are rounded. Found is what has the right name at the
 right place; of what is named beside it, everything is false that was not there before, under
-whatever name. Of kinds that one spectrum cannot tell apart either counts.
+whatever name. The place of a band is its width. Of kinds that one spectrum cannot tell apart either
+counts.
 
 In the null controls the noise of a carrier, whitened by its model, has the signs of its ordinates
 drawn anew, or its blocks of a second permuted: the spectrum stays, and every line, step and
@@ -253,7 +254,9 @@ def _place(effect: Effect) -> tuple[str, float, float] | None:
     for name in ("time", "frequency"):
         if name in effect.parameters:
             at = float(effect.parameters[name].value)
-            return name, at, at
+            width = effect.parameters.get("bandwidth")
+            half = 0.0 if width is None else float(width.value) / 2
+            return name, at - half, at + half
     if effect.evidence.get("domain") == "spectrum":
         low, high = (effect.parameters[f"frequency_{end}"].value for end in ("low", "high"))
         return "frequency", float(low), float(high)

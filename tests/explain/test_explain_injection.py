@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from allanscope.explain.effect import Estimate
+
 ROOT = Path(__file__).parents[2]
 PATH = ROOT / "recordings" / "measured" / "ism330dhcx-fan-off.parquet"
 
@@ -59,3 +61,17 @@ def test_outcomes_are_counted(injection):
 def test_the_interval_is_that_of_wilson(injection):
     assert injection.interval(90, 100) == pytest.approx((82.56, 94.48), abs=0.01)
     assert injection.interval(0, 0) == (0.0, 100.0)
+
+
+def test_a_band_is_where_its_width_is(injection):
+    def band(kind, frequency, width):
+        found = {"frequency": Estimate.exact(frequency, "Hz")}
+        if width:
+            found["bandwidth"] = Estimate.exact(width, "Hz")
+        return injection.Effect(kind, found)
+
+    known = band("narrowband", 12.1, 3.9)
+    assert injection._is_same(band("narrowband", 11.25, 2.0), known)
+    assert injection._is_same(band("sinusoid", 13.9, 0.0), known)
+    assert not injection._is_same(band("narrowband", 18.0, 3.0), known)
+    assert not injection._is_same(band("sinusoid", 13.9, 0.0), band("sinusoid", 12.1, 0.0))

@@ -48,10 +48,15 @@ def drop_taken_over(view: View, path: SearchPath) -> View:
 
     The first is fitted to the sum, and the next to what that leaves: a low-pass beside correlated
     noise that has half of its bend. Where each stays as it is both gain; what gains more than its
-    penalty when the others move as well is no stopgap.
+    penalty when the others move as well is no stopgap. A textbook coefficient stays:
+    it is what named effects are compared with.
     """
     while True:
-        processes = [c for c in view.accepted if c.effect.is_process and c.effect.stage == 2]
+        processes = [
+            c
+            for c in view.accepted
+            if c.effect.is_process and c.effect.stage == 2 and not c.effect.is_coefficient
+        ]
         if len(processes) < 2:
             return view
         trials = [(_taken_over(view, c, path), c) for c in processes]

@@ -1,5 +1,7 @@
 """The likelihood and its maximum: against exact likelihoods, known truth and the bound."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from allanscope.noise.components import (
     White,
 )
 from allanscope.noise.evidence import DensityBands, Ordinates, evidence_of, stretches_of
-from allanscope.noise.filters import Butterworth
+from allanscope.noise.filters import Butterworth, HeldSamples
 from allanscope.noise.grid import Grid
 from allanscope.noise.likelihood import Likelihood
 from allanscope.noise.model import Free
@@ -156,6 +158,14 @@ def test_shapes_are_fitted_within_their_bounds(rng):
     assert found.names == ("N", "sigma", "correlation_time")
     assert abs(np.log(sigma / 4e-3)) < 4 * sd[1]
     assert abs(np.log(time / 20.0)) < 4 * sd[2]
+
+
+def test_a_number_of_a_filter_that_is_zero_has_no_error_and_leaves_the_others_theirs(rng):
+    data, model = Likelihood([drawn(rng, 20_000, TRUTH[:1])]), model_of(START[:1])
+    filtered = replace(model, filters=(HeldSamples(0.0),))
+    beside = data.maximise(filtered, held={Free(1, 0)}).all_free()
+    assert beside.relative_sd()[0] == pytest.approx(data.maximise(model).relative_sd()[0])
+    assert beside.relative_sd()[1] == np.inf
 
 
 def test_held_numbers_stay_and_known_parts_count(rng):

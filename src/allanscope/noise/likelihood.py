@@ -261,6 +261,8 @@ class Fit:
 
     def _by_shape(self, free: Free) -> Array:
         quantity, value = self.model.quantity(free), self.model.number(free)
+        if value == 0:
+            return np.zeros(len(self.expected))
         ends = [
             float(np.clip(value * np.exp(h), quantity.lower, quantity.upper))
             for h in (_DIFFERENCE, -_DIFFERENCE)

@@ -178,6 +178,20 @@ def _two_sensors(rng: np.random.Generator, gyro: float, accelerometer: float) ->
     return values
 
 
+def test_each_of_two_slow_sensors_repeats_rows_by_its_own_rate() -> None:
+    """Read at 163 Hz: a gyroscope at 51 Hz and an accelerometer at 28 Hz."""
+    rng = np.random.default_rng(17)
+    rows = np.arange(12_000)[:, np.newaxis]
+    at = np.floor(rows * np.repeat([51 / 163, 28 / 163], 3) + 0.3).astype(int)
+    values = np.take_along_axis(rng.normal(size=(12_000, 6)), at, axis=0)
+    record = replace(_record(values), rate_hz=163.0, start_s=np.arange(12_000) / 163.0)
+    found = explain(record).axes
+    for axis, made in (("gy", 51), ("ay", 28)):
+        (effect,) = found[axis].effects
+        assert effect.kind == "repeated_samples"
+        assert effect.parameters["fraction"].value == pytest.approx(1 - made / 163, abs=0.01)
+
+
 def test_one_sensor_repeats_rows_and_the_other_has_a_share_of_its_own() -> None:
     """Their registers are filled at different times: few rows repeat on all axes."""
     for seed in range(SEEDS):

@@ -41,7 +41,27 @@ def test_a_sensor_that_is_slower_than_its_reader_repeats_rows(tmp_path: Path) ->
         assert fraction.lower < expected < fraction.upper
     (told,) = [remark for remark in analysis.remarks if "repeat" in remark]
     assert told.startswith("2.8 % of the rows repeat the row before: 50.00 rows arrive per second")
-    assert "only about 48.6" in told
+    assert "but the gyroscope made only about 48.6" in told
+
+
+def test_two_sensors_that_repeat_rows_are_told_apart() -> None:
+    def repeated(share: float) -> SimpleNamespace:
+        traits = SimpleNamespace(repeats_rows=True)
+        effect = SimpleNamespace(
+            traits=traits, parameters={"fraction": SimpleNamespace(value=share)}
+        )
+        return SimpleNamespace(explanation=SimpleNamespace(effects=(effect,)))
+
+    rate = Rate(100.0, measured_hz=100.0, uncertainty_ppm=20.0)
+    alike = sampling_remarks({"gx": repeated(0.5), "ax": repeated(0.5)}, rate)
+    assert [remark.split("but ")[1] for remark in alike] == [
+        "the gyroscope and accelerometer made only about 50.00 samples."
+    ]
+    apart = sampling_remarks({"gx": repeated(0.5), "ax": repeated(0.75)}, rate)
+    assert [remark.split("but ")[1] for remark in apart] == [
+        "the gyroscope made only about 50.00 samples.",
+        "the accelerometer made only about 25.00 samples.",
+    ]
 
 
 def test_a_sensor_that_is_faster_than_its_reader_is_skipped(tmp_path: Path) -> None:

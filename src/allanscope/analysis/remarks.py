@@ -21,7 +21,7 @@ from allanscope.analysis.result import AxisAnalysis, Rate
 from allanscope.clock import DISAGREEMENT
 from allanscope.noise import resolution_advice
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, OSCILLATOR_TOLERANCE
-from allanscope.quantities import GRAVITY, number
+from allanscope.quantities import GRAVITY, SENSOR_NAMES, number
 from allanscope.samples import unit_of
 
 __all__ = ["axis_remarks", "run_remarks", "sampling_remarks", "scale_remarks"]
@@ -174,12 +174,12 @@ def sampling_remarks(
     """
     out = []
     repeated = _repeated(axes)
-    if repeated:
-        made = rate.best_hz * (1.0 - repeated)
+    for share, sensors in repeated.items():
+        made = rate.best_hz * (1.0 - share)
         out.append(
-            f"{number(100 * repeated, 2)} % of the rows repeat the row before: "
-            f"{number(rate.best_hz, 4)} rows arrive per second, but the sensor made only about "
-            f"{number(made, 4)} samples."
+            f"{number(100 * share, 2)} % of the rows repeat the row before: "
+            f"{number(rate.best_hz, 4)} rows arrive per second, but the {' and '.join(sensors)} "
+            f"made only about {number(made, 4)} samples."
         )
     if rate.measured_hz is None or not rate.nominal_hz:
         return tuple(out)
@@ -240,13 +240,16 @@ def _unrepeated(axes: Mapping[str, AxisAnalysis]) -> bool:
     return bool(looked) and not _repeated(axes)
 
 
-def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
-    """Return the share of repeated rows that the loop found on any axis; 0 when on none."""
-    found = [
-        float(effect.parameters["fraction"].value)
-        for axis in axes.values()
-        if axis.explanation is not None
-        for effect in axis.explanation.effects
-        if effect.traits.repeats_rows
-    ]
-    return max(found, default=0.0)
+def _repeated(axes: Mapping[str, AxisAnalysis]) -> dict[float, list[str]]:
+    """Return the largest share of repeated rows that the loop found on each sensor: whose it is."""
+    largest: dict[str, float] = {}
+    for name, axis in axes.items():
+        for effect in axis.explanation.effects if axis.explanation is not None else ():
+            if effect.traits.repeats_rows:
+                sensor = SENSOR_NAMES[unit_of(name)]
+                share = float(effect.parameters["fraction"].value)
+                largest[sensor] = max(share, largest.get(sensor, 0.0))
+    whose: dict[float, list[str]] = {}
+    for sensor, share in largest.items():
+        whose.setdefault(share, []).append(sensor)
+    return whose

@@ -61,6 +61,9 @@ _NONE = (0.0, 0.0, 1.0)
 _ALONE = 0.02
 """Least fraction of one axis alone, where others of its sensor are there to tell: a smaller excess
 of equal neighbours is that of coarse values which are not quite Gaussian."""
+_SLOWER = 0.8
+"""A sensor that makes less than this part of the samples that all make at once is slower than the
+other: what all repeat at once is the other's."""
 _LOOKED_AT, _PIECES = 1 << 17, 16
 """Rows of a long record that tell how its far rows differ, and pieces that they come from."""
 
@@ -104,6 +107,9 @@ class RepeatedSamples(EffectKind):
         groups = {moving, sensor} if len(sensor) > 1 else {moving}
         together = [(_counted(view, group), group) for group in groups if len(group) > 1]
         found, columns = max(together, key=lambda one: one[0][1], default=(_NONE, sensor))
+        slowest, own = max(together, key=lambda one: one[0][0], default=(_NONE, sensor))
+        if 1 - slowest[0] < _SLOWER * (1 - found[0]):
+            found, columns = slowest, own
         alone, least = _counted(view, (column,)), _ALONE if len(sensor) > 1 else 0.0
         if alone[1] > found[1] and alone[0] >= max(3 * found[0], least):
             found, columns = alone, (column,)

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from allanscope.explain import explain
-from allanscope.explain.effects.variance_change import _intervals
+from allanscope.explain.effects.variance_change import _freedom, _intervals
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 
@@ -70,6 +70,12 @@ def test_more_than_half_a_record_is_as_good_as_the_rest_of_it():
     (found,) = _intervals(power, 26.0)
     assert found[2] == pytest.approx(900, abs=20)
     assert found[3] == pytest.approx(1 / 1.2, rel=0.03)
+
+
+def test_blocks_that_are_all_alike_have_no_change():
+    """All at the cap, as where a model gives the data no power at all: the axis failed."""
+    power = np.full(40, 20.0)
+    assert _intervals(power, _freedom(power, 81)) == []
 
 
 def test_light_tails_are_said_to_be_light(odd):

@@ -289,7 +289,7 @@ def _border(
 def _freedom(power: Array, size: int) -> float:
     """Return the degrees of freedom of the mean squares of blocks: their size, or less by tails."""
     spread = float(np.mean((np.diff(power)) ** 2)) / 2
-    return float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
+    return float(np.clip(2 * np.median(power) ** 2 / spread, 1.0, size)) if spread else float(size)
 
 
 def _intervals(power: Array, freedom: float) -> list[_Found]:

@@ -788,8 +788,9 @@ def test_sensors_above_x_y_and_z_are_believed_and_titles_are_not(
     [
         *(("Fs,100", 100.0), ("# fs = 416 Hz", 416.0), ("// Update Rate: 40.0Hz", 40.0)),
         ("# Config: data_rate = 2000.0 Hz, filter = 488 Hz, acc_range = 4 g", 2000.0),
-        *(("Sampling frequency [Hz]: 208", 208.0), ("ODR: 1.66 kHz", 1660.0)),
+        *(("Sampling frequency [Hz]: 208", 208.0), ("sample rate = 1.66 kHz", 1660.0)),
         *(("Baud rate: 115200", 0.0), ("FS,2000", 0.0), ("Gyro fs: 250", 0.0)),
+        *(("Accel ODR: 104 Hz", 0.0), ("Sample rate: 104 Hz" + 30 * "\nready", 0.0)),
         *(("sample rate: fast", 0.0), ("sample rate: 100.5.1", 0.0)),
     ],
 )

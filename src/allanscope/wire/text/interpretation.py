@@ -46,11 +46,14 @@ _DAMAGED = 0.01
 """Share of counts that damage may have put out of range."""
 _STATED_RATE = re.compile(
     r"(?:(?i:sampl(?:e|ing)[ _-]?(?:rate|freq\w*)"
-    r"|(?:data|output|update)[ _-]?(?:data[ _-]?)?rate|\bodr)"
+    r"|(?:data|output|update)[ _-]?(?:data[ _-]?)?rate)"
     r"|\A\W*[Ff]s)"
     r"[ _]*(?i:[\[(]?hz[\])]?)?\s*[:=,;\s]\s*(\d+(?:\.\d+)?)\s*(?i:(k?)hz)?(?![\w.])"
 )
-"""A sample rate, as lines before a table say it: `Fs,100`, `Update Rate: 40.0Hz`, `ODR = 1 kHz`."""
+"""A sample rate, as lines before a table say it: `Fs,100`, `Update Rate: 40.0Hz`. `ODR: 104 Hz` is
+that of a sensor, whose rows may be read at another."""
+_HEADING = 30
+"""Lines above a table that may be its heading: more are the talk of a console."""
 _FARTHEST = 2.5
 """So many times the longest step between bursts is a gap all the same."""
 
@@ -100,6 +103,7 @@ class TextInterpreter:
         self._table: Table | None = None
         self._by_position = ""
         self._stated_rate: tuple[float, str] = (0.0, "")
+        self._lines_above = 0
         self._epoch = 0
 
     @property
@@ -108,7 +112,8 @@ class TextInterpreter:
         return self._part.temperature_lsb_per_c
 
     def note(self, line: str) -> None:
-        """Take note of the sample rate that a line before the rows may state."""
+        """Take note of a line before the rows, which may state the sample rate."""
+        self._lines_above += 1
         found = _STATED_RATE.search(line)
         if found and float(found[1]):
             self._stated_rate = float(found[1]) * (1e3 if found[2] else 1.0), found[0].strip(" #%/")
@@ -163,7 +168,8 @@ class TextInterpreter:
         times = [row.device_s for row in rows]
         timed = bool(np.isfinite(times).any())
         stated_hz = 0.0
-        if not (self._settings.rate_hz or timing.hz) and self._stated_rate[0]:
+        known = self._settings.rate_hz or timing.hz or self._lines_above > _HEADING
+        if not known and self._stated_rate[0]:
             stated_hz, words = self._stated_rate
             remarks.append(f"no times: the rate is {stated_hz:g} Hz, from {words!r} above the rows")
         info = StreamInfo(

@@ -26,16 +26,18 @@ def test_a_shock_of_the_source_is_no_shock_of_the_axis_that_it_couples_into(benc
     assert kinds(found["gy"]) == ["shock", "gauss_markov"]
 
 
-def test_a_loud_shock_rings_on_and_a_pulse_to_one_side_does_not():
-    t = np.arange(2000) / 960.0
-    rings = 120 * np.exp(-t / 0.4) * np.cos(2 * np.pi * 144 * t)
-    loud = int(960 * 0.4 * np.log(120 / 6))
-    lost = 960 * 0.4 * np.log(120 / 0.3)
-    assert loud + _tail(rings, 0, loud, 1.0) == pytest.approx(lost, rel=0.1)
-    pulse = np.zeros(2000)
-    pulse[900:1100] = 80 * np.sin(np.pi * np.arange(200) / 200)
-    assert _tail(pulse, 900, 1100, 1.0) == 0
-    assert _tail(0.1 * rings, 0, loud, 1.0) == 0
+def test_a_shock_rings_on_below_what_is_loud_and_a_pulse_to_one_side_does_not():
+    """It falls from its peak to six sigma, and on until it is half of one."""
+    noise, begin, block = np.random.default_rng(7).normal(size=6000), 3000, 288
+    t = np.arange(begin) / 960.0
+    ringing = np.concatenate([0 * t, np.exp(-t / 0.4) * np.cos(2 * np.pi * 144 * t)])
+    for peak in (12, 120):
+        loud, lost = (begin + int(960 * 0.4 * np.log(peak / left)) for left in (6, 0.5))
+        tail = _tail(noise + peak * ringing, begin, loud, block)
+        assert loud + tail == pytest.approx(lost, abs=block)
+    pulse = np.zeros(6000)
+    pulse[begin : begin + 200] = 80 * np.sin(np.pi * np.arange(200) / 200)
+    assert _tail(noise + pulse, begin, begin + 200, block) == 0
 
 
 def test_power_law_noise_to_the_top_of_the_band_has_no_low_pass(bench):

@@ -115,7 +115,9 @@ class TextInterpreter:
         """Take note of a line before the rows, which may state the sample rate."""
         self._lines_above += 1
         found = _STATED_RATE.search(line)
-        if found and float(found[1]):
+        if self._lines_above > _HEADING:
+            self._stated_rate = 0.0, ""
+        elif found and float(found[1]):
             self._stated_rate = float(found[1]) * (1e3 if found[2] else 1.0), found[0].strip(" #%/")
 
     def expect(
@@ -168,8 +170,7 @@ class TextInterpreter:
         times = [row.device_s for row in rows]
         timed = bool(np.isfinite(times).any())
         stated_hz = 0.0
-        known = self._settings.rate_hz or timing.hz or self._lines_above > _HEADING
-        if not known and self._stated_rate[0]:
+        if not (self._settings.rate_hz or timing.hz) and self._stated_rate[0]:
             stated_hz, words = self._stated_rate
             remarks.append(f"no times: the rate is {stated_hz:g} Hz, from {words!r} above the rows")
         info = StreamInfo(

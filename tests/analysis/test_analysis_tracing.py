@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -17,10 +15,10 @@ from allanscope.clock import Clock
 from allanscope.samples import Gap, Ticks
 from allanscope.simulator import AxisTruth, Simulator, Truth
 from allanscope.wire import LinkStats
+from support.measured import MEASURED
 
 RATE = 104.0
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
-MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
 
 
 def simulator(true_hz, seed, *, ppm=30.0, minutes=10.0, locked=False, dps=0.02):

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-import allanscope
 from allanscope.explain import explain
 from allanscope.explain.effects import random_telegraph
+from support.measured import analysed
 
 SIGMA = 4e-3 * 52.0**0.5
-MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
 
 
 def kinds(b, signal):
@@ -64,6 +61,6 @@ def test_smooth_noise_on_two_codes_is_no_telegraph_signal(bench, seed):
 
 
 def test_a_shock_in_a_car_is_no_telegraph_signal():
-    result = allanscope.analyse(MEASURED / "asm330lhhx-vehicle.parquet")
+    result = analysed("asm330lhhx-vehicle")
     found = result.axes["gy"].explanation.effects
     assert "random_telegraph" not in [effect.kind for effect in found]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from allanscope.allan import AllanBank
@@ -12,8 +14,11 @@ from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.shard import ALIGNED, BLOCK, Shard
 from allanscope.clock import Clock
 from allanscope.explain.effects.random_telegraph import posterior
+from allanscope.explain.regression import joint_fit, step_ordinates
+from allanscope.explain.series import series_of
 from allanscope.explain.stationarity import demodulate
-from allanscope.history import History
+from allanscope.explain.view import View
+from allanscope.history import History, Record
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components.correlated import ExponentialCovariance
 from allanscope.noise.remainder import smooth_log_ratio
@@ -126,6 +131,24 @@ def fits() -> None:
         maximise(np.repeat(columns, 2, axis=0), power, count, np.zeros(bins))
 
 
+def signals() -> None:
+    for rows in (17, 300, 20_001):
+        record = Record(
+            rate_hz=100.0,
+            stride=1,
+            axes=("gx",),
+            values=RNG.normal(size=(rows, 1)),
+            lsb=(1e-9,),
+            temperature_c=np.full(rows, np.nan),
+            start_s=np.arange(rows) / 100.0,
+            segments=np.array([[0, rows]]),
+        )
+        view = View.of(series_of(record), "gx", None)
+        for cut in ((), ((1.0, 9.0),), ((0.0, 60.0),)):  # nothing, some, and all is left out
+            view = replace(view, excluded=cut)
+            joint_fit(view, step_ordinates(view.grid, rows // 2, view.grid.low))
+
+
 def remainders() -> None:
     for bins in (8, 9, 300):
         smooth_log_ratio(
@@ -176,6 +199,7 @@ if __name__ == "__main__":
         frames,
         texts,
         fits,
+        signals,
         remainders,
         covariances,
         series,

@@ -19,10 +19,14 @@ from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import reflected, theo1
 from allanscope.compiled import LibraryMissing, Pointer, build, kernel
+from allanscope.explain import regression
+from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 from allanscope.noise import amplitudes
 from allanscope.samples import StreamInfo
 from allanscope.spectrum import ladder
 from allanscope.watch import Watch, lines, scan, summary
+from support.thinned import thinned
 
 PACKAGE = Path(allanscope.__file__).parent
 DRIVER = Path(__file__).with_name("every_loop.py")
@@ -122,6 +126,8 @@ def results() -> list[NDArray[Any]]:
     columns = np.geomspace(1.0, 1e4, 99) ** np.array([[-2.0], [-1.0], [0.0]])
     power = columns.sum(axis=0) * rng.gamma(5.0, 0.2, 99)
     theta, loglik, expected = amplitudes.maximise(columns, power, np.full(99, 5.0), np.zeros(99))
+    view = View.of(series_of(thinned(values[:, np.newaxis])), "gx", None)
+    fit = regression.joint_fit(view, regression.step_ordinates(view.grid, 450, view.grid.low))
     return [
         *cascade.settled().arrays().values(),
         *whole.settled().arrays().values(),
@@ -132,6 +138,7 @@ def results() -> list[NDArray[Any]]:
         *(np.array(reflected.reflected_mean_square(values, m, 1)) for m in (7, 100)),
         np.array(theo1.theo1_variance(values, 202)),
         *(theta, np.array(loglik), expected),
+        *(fit.amplitude, fit.covariance, fit.power, fit.powers),
         *(watch._summarise.power, watch._summarise._noise),
         *(watch._lines._sums, watch._scan._square, watch._scan._fourth),
     ]
@@ -154,6 +161,7 @@ def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.Mo
         (reflected, "_squares", "reflected_squares"),
         (theo1, "_squares", "theo1_squares"),
         (amplitudes, "_maximise", "maximise"),
+        (regression, "_fit_loop", "fit_signal"),
         (summary, "_rows_int16", "watch_rows_int16"),
         (summary, "_levels", "watch_levels"),
         (summary, "_spectrum", "watch_spectrum"),

@@ -211,3 +211,49 @@ KERNEL(double, maximise)
     }
     return value;
 }
+
+/* Size of one signal and the noise beside it, in turn: `explain/regression.py`. The first m ordinates
+   of the data and of a signal of size 1, which of them are kept (1 or 0), and their variances: those
+   of what is fixed, and of every part at a power of 1, whose rows are `apart`. The low bins begin at
+   `edges`, and `kept_count` is how many ordinates are kept in each, 1 at the least. `theta` is where the powers begin, and `power` holds
+   the mean squares of all bins without a signal: both receive the result, with the information about
+   the size in `found[0]` and the size in `found[1]`. `room` has m + bins (p + 5) + 3 p (p + 6) values.
+   Returns the log-likelihood. */
+KERNEL(double, fit_signal)
+(const double *signal, const double *data, const double *kept, const double *first_fixed,
+ const double *first, int64_t m, int64_t apart, const int64_t *edges, const double *kept_count,
+ int64_t low,
+ const double *columns, const double *count, const double *fixed, int64_t p, int64_t bins,
+ double smallest, int64_t turns, double close, double *theta, double *power, double *found,
+ double *room) {
+    double *variance = room, *expected = variance + m, *deeper = expected + bins;
+    double reached = INFINITY;
+    for (int64_t turn = 0; turn < turns; turn++) {
+        memcpy(variance, first_fixed, (size_t)m * sizeof(double));
+        for (int64_t j = 0; j < p; j++)
+            for (int64_t k = 0; k < m; k++) variance[k] += theta[j] * first[j * apart + k];
+        lanes squares = {0.0}, products = {0.0};
+        for (int64_t k = 0; k < m; k += LANES) {
+            lanes own = some_of(signal, k, m, 0.0);
+            lanes weighted = own * some_of(kept, k, m, 0.0) / some_of(variance, k, m, 1.0);
+            squares += weighted * own;
+            products += weighted * some_of(data, k, m, 0.0);
+        }
+        double information = found[0] = sum_of(squares);
+        double size = found[1] = information > 0.0 ? sum_of(products) / information : 0.0;
+        for (int64_t b = 0; b < low; b++) {
+            int64_t begin = edges[b], end = b + 1 < low ? edges[b + 1] : m;
+            lanes total = {0.0};
+            for (int64_t k = begin; k < end; k += LANES) {
+                lanes rest = some_of(data, k, end, 0.0) - size * some_of(signal, k, end, 0.0);
+                total += rest * rest * some_of(kept, k, end, 0.0);
+            }
+            power[b] = sum_of(total) / kept_count[b];
+        }
+        double before = reached;
+        reached = JOINED(maximise, LEVEL)(
+            columns, power, count, fixed, p, bins, smallest, 1, theta, expected, deeper);
+        if (fabs(reached - before) < close) break;
+    }
+    return reached;
+}

@@ -19,10 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.lazy import once
+from allanscope.noise.amplitudes import least_power
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.part import Filter
 from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
@@ -40,10 +42,20 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+_IN, _MATRIX, _EDGES = Pointer(np.float64, 1), Pointer(np.float64, 2), Pointer(np.int64, 1)
+_OUT = Pointer(np.float64, 1, written=True)
+_fit_loop = kernel(
+    "fit_signal",
+    *(_IN, _IN, _IN, _IN, _MATRIX, int, int, _EDGES, _IN, int, _MATRIX, _IN, _IN, int, int),
+    *(float, int, float, _OUT, _OUT, _OUT, _OUT),
+    returns=float,
+)
 Complex = NDArray[np.complex128]
 
 _ROUNDS = 8
 """Most turns of amplitudes and noise."""
+_CLOSE = 1e-3
+"""Nats by which the last of them may change the log-likelihood."""
 _STEPS, _FARTHEST = 12, 30.0
 """Most turns of the search for the end of an interval, and its end in standard errors."""
 _TURNS = 12
@@ -146,24 +158,41 @@ def joint_fit(
     """
     columns = np.atleast_2d(columns)
     m = columns.shape[1]
-    null = view.spectrum
     fitter = view.fitter.plus(*filters) if filters else view.fitter
-    d = view.ordinates[:m]
-    kept, binned = _low_bins(view.grid, null.excluded, m)
+    if len(columns) == 1 and fitter.has_table(m):
+        return _fit_signal(view, columns[0], fitter, rounds)
+    d, low = view.ordinates[:m], _low_bins(view.grid, view.spectrum.excluded, m)
     power = view.power.copy()
-    powers, loglik = null.powers, np.inf
-    for turn in range(rounds):
-        known = turn == 0 and m <= view.grid.low
-        weighted = columns * (view.weights[:m] if known else kept / fitter.first(powers, m))
+    powers, loglik = view.spectrum.powers, np.inf
+    for _ in range(rounds):
+        weighted = columns * (low.kept / fitter.first(powers, m))
         covariance = _inverse(weighted @ columns.T)
         amplitude = covariance @ (weighted @ d)
-        means = binned((d - amplitude @ columns) ** 2)
-        power[: len(means)] = means
+        power[: len(low.edges)] = low.means((d - amplitude @ columns) ** 2)
         before = loglik
         powers, loglik = fitter.powers(power, powers)
-        if abs(loglik - before) < 1e-3:
+        if abs(loglik - before) < _CLOSE:
             break
-    return Regression(amplitude, covariance, loglik - null.loglik, fitter, power, powers)
+    gain = loglik - view.spectrum.loglik
+    return Regression(amplitude, covariance, gain, fitter, power, powers)
+
+
+def _fit_signal(view: View, signal: Array, fitter: SpectrumFitter, rounds: int) -> Regression:
+    """Do the same for one signal, as most fits are, in one compiled loop."""
+    power, powers, found = view.power.copy(), view.spectrum.powers.copy(), np.empty(2)
+    basis, low = fitter.basis, _low_bins(view.grid, view.spectrum.excluded, len(signal))
+    p, bins = basis.columns.shape
+    fixed, columns = fitter.table
+    loglik = _fit_loop(
+        *(signal, view.ordinates, low.kept, fixed, columns, len(signal), columns.shape[1]),
+        *(low.edges, low.count, len(low.edges), basis.columns, fitter.dof, basis.fixed, p, bins),
+        *(least_power(power), rounds, _CLOSE, powers, power, found),
+        np.empty(len(signal) + bins * (p + 5) + 3 * p * (p + 6)),
+    )
+    information, size = found.tolist()
+    covariance = np.array([[1.0 / information if information > 0.0 else 0.0]])
+    gain = float(loglik) - view.spectrum.loglik
+    return Regression(np.array([size]), covariance, gain, fitter, power, powers)
 
 
 def _inverse(normal: Array) -> Array:
@@ -186,12 +215,11 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     58, 1971) by expectation and maximisation in turn.
     """
     m, power = columns.shape[1], view.power.copy()
-    kept, binned = _low_bins(view.grid, view.spectrum.excluded, m)
+    low = _low_bins(view.grid, view.spectrum.excluded, m)
     d, covariance, powers = view.ordinates[:m], fit.covariance, fit.powers
 
     def noise(amplitude: Array, taken: Array) -> tuple[Array, float]:
-        means = binned((d - amplitude @ columns) ** 2 + taken)
-        power[: len(means)] = means
+        power[: len(low.edges)] = low.means((d - amplitude @ columns) ** 2 + taken)
         return view.fitter.powers(power, powers)
 
     def taken_by(covariance: Array) -> Array:
@@ -199,7 +227,7 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
 
     for _ in range(_ROUNDS):
         powers, _ = noise(fit.amplitude, taken_by(covariance))
-        covariance = _inverse((columns * kept / view.fitter.first(powers, m)) @ columns.T)
+        covariance = _inverse((columns * low.kept / view.fitter.first(powers, m)) @ columns.T)
     taken = taken_by(covariance)
 
     def loglik(amplitude: Array) -> float:
@@ -233,18 +261,37 @@ def reach_at_95(drop: Callable[[float], float]) -> float:
     return reach
 
 
+@dataclass(frozen=True, eq=False)
+class _LowBins:
+    """The bins of the first ordinates.
+
+    Attributes
+    ----------
+    kept : ndarray, shape (m,)
+        1 for the ordinates that take part in the fit, 0 for the others.
+    edges : ndarray of int64, shape (bins,)
+        First ordinate of each bin.
+    count : ndarray, shape (bins,)
+        Ordinates of each that take part, 1 at the least.
+    """
+
+    kept: Array
+    edges: NDArray[np.int64]
+    count: Array
+
+    def means(self, squares: Array) -> Array:
+        """Average the squares of ordinates over every bin, shape (m,) to (bins,)."""
+        return np.asarray(np.add.reduceat(squares * self.kept, self.edges) / self.count)
+
+
 @lru_cache(maxsize=16)  # a search asks for the same few thousands of times
-def _low_bins(grid: Grid, excluded: Ranges, m: int) -> tuple[Array, Callable[[Array], Array]]:
-    """Return which of the first ordinates are kept, and what averages their squares over bins."""
+def _low_bins(grid: Grid, excluded: Ranges, m: int) -> _LowBins:
     kept = grid.kept(excluded)[:m].astype(np.float64)
     bins = int(np.searchsorted(grid.edges, m))
     if m < grid.n - 1 and grid.edges[bins] != m:
         raise ValueError("signals must end at the border of a bin")
     edges = grid.edges[:bins]
-    count = np.maximum(np.add.reduceat(kept, edges), 1.0)
-    if kept.all():
-        return kept, lambda squares: np.add.reduceat(squares, edges) / count
-    return kept, lambda squares: np.add.reduceat(squares * kept, edges) / count
+    return _LowBins(kept, edges, np.maximum(np.add.reduceat(kept, edges), 1.0))
 
 
 def refit_jointly(view: View) -> View:

@@ -249,14 +249,22 @@ class SpectrumFitter:
 
     def first(self, powers: Array, m: int) -> Array:
         """Return `Spectrum.first` under given squared amplitudes, from a table where that does."""
-        if m > self.grid.low or any(one.has_zeros for one in self.basis.model.filters):
+        if not self.has_table(m):
             return self.spectrum(np.ones(len(self.dof)), powers).first(m)
-        fixed, columns = self._first
+        fixed, columns = self.table
         return np.asarray(fixed[:m] + powers @ columns[:, :m])
 
+    def has_table(self, m: int) -> bool:
+        """Return whether the first m ordinates are sums of what is in a table of each part."""
+        zeros = any(one.has_zeros for one in self.basis.model.filters)
+        return m <= self.grid.low and not zeros
+
     @once
-    def _first(self) -> tuple[Array, Array]:
-        """What the fixed parts give them, and what each of the others does at an amplitude of 1."""
+    def table(self) -> tuple[Array, Array]:
+        """Variances of the first ordinates, of the fixed parts, and of each other at a power of 1.
+
+        The shapes are (grid.low,) and (p, grid.low).
+        """
         grid, model = self.grid, self.basis.model
         frequency = grid.frequency[: grid.low]
         fixed, columns = np.zeros(grid.low), []

@@ -204,12 +204,6 @@ class View:
         return self.ordinates / np.sqrt(self.spectrum.ordinates) * self.spectrum.kept
 
     @once
-    def weights(self) -> Array:
-        """What the first ordinates weigh beside a slow signal: 1 / variance, 0 where cut out."""
-        low = self.grid.low
-        return self.spectrum.kept[:low] / self.fitter.first(self.spectrum.powers, low)
-
-    @once
     def scan(self) -> StepScan:
         """What steps and boxes of the level gain under the fitted noise, at every instant."""
         return StepScan(self.grid, self.ordinates, self.spectrum)

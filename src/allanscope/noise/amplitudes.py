@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from allanscope.compiled import Pointer, kernel
 
-__all__ = ["maximise"]
+__all__ = ["least_power", "maximise"]
 
 Array = NDArray[np.float64]
 
@@ -55,8 +55,7 @@ def maximise(
     >>> theta.round(6).tolist()
     [2.0, 3.0]
     """
-    middle = len(power) // 2
-    smallest = 1e-9 * float(np.partition(power, middle)[middle]) + 1e-300
+    smallest = least_power(power)
     p, bins = columns.shape
     known = start is not None and len(start) == p
     theta = np.array(start, np.float64) if known else np.empty(p)
@@ -72,3 +71,9 @@ def maximise(
         np.empty(bins * (p + 4) + 3 * p * (p + 6)),
     )
     return theta, float(loglik), expected
+
+
+def least_power(power: Array) -> float:
+    """Return what no bin is expected to hold less of, so that every likelihood is finite."""
+    middle = len(power) // 2
+    return 1e-9 * float(np.partition(power, middle)[middle]) + 1e-300

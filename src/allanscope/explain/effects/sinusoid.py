@@ -34,6 +34,7 @@ from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
 from allanscope.explain.running_level import running_level
+from allanscope.explain.slow_waves import SlowWaves
 from allanscope.explain.stationarity import constancy
 from allanscope.explain.view import View
 from allanscope.noise.components import Sinusoid as Line
@@ -282,26 +283,16 @@ def _fast_lines(view: View) -> list[float]:
 
 def _slow_lines(view: View) -> list[float]:
     """Frequencies of few cycles, scanned by GLS under the null's noise, then refitted."""
-    n, rate = view.grid.n, view.grid.rate_hz
-    duration = n / rate
-    cycles = np.arange(_FEWEST_CYCLES, _SLOW_CYCLES, 0.25)
-    m = view.grid.low
+    n, m = view.grid.n, view.grid.low
     weight = view.spectrum.kept[:m] / view.spectrum.first(m)
-    d = view.ordinates[:m]
-    normal, right = [], []
-    for c in cycles:
-        pair = _slow_pair(view.grid, c / duration)
-        weighted = pair * weight
-        normal.append(weighted @ pair.T)
-        right.append(weighted @ d)
-    inverse = np.linalg.pinv(np.array(normal), hermitian=True)
-    scores = [0.5 * float(own @ known @ own) for own, known in zip(right, inverse, strict=True)]
+    waves = _slow_waves(view.grid)
+    scores = waves.gains(weight, view.ordinates[:m])
     order = np.argsort(scores)[::-1]
     price = np.log(0.75 * n / ALPHA)
     found = []
     for index in order[:2]:
         if scores[index] > 0.35 * price:
-            frequency = float(cycles[index] / duration)
+            frequency = float(waves.frequency[index])
             fit = joint_fit(view, _slow_pair(view.grid, frequency))
             if fit.gain > 0.6 * price:
                 found.append(frequency)
@@ -321,30 +312,16 @@ def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
     return best, joint_fit(view, _slow_pair(view.grid, best))
 
 
-@lru_cache(maxsize=256)  # every scan goes through the same frequencies
-def _slow_pair(grid: Grid, frequency: float) -> Array:
-    """First ordinates of cosine and sine in closed form.
+@lru_cache(maxsize=2)  # all axes of a record are scanned alike
+def _slow_waves(grid: Grid) -> SlowWaves:
+    """Return the waves that are scanned: a quarter of a cycle apart."""
+    cycles = np.arange(_FEWEST_CYCLES, _SLOW_CYCLES, 0.25)
+    return SlowWaves.of(grid, cycles * (grid.rate_hz / grid.n))
 
-    The wave times the cosine of ordinate k is the sum of two geometric series, of n terms and the
-    ratios exp(i (w + a)) and exp(i (w - a)), a = pi k / n; exp(i n a) is 1 or -1.
-    """
-    n, m = grid.n, grid.low
-    half = np.pi * np.arange(1, m + 1) / (2 * n)
-    w = 2 * np.pi * frequency / grid.rate_hz
-    below = np.sin(w / 2 - half)
-    met = np.flatnonzero(np.abs(below) < 1e-12)
-    below[met] = 1.0
-    poles = 1 / np.sin(w / 2 + half) + 1 / below
-    end = np.exp(1j * w * n)
-    pair = np.empty((2, m))
-    for first, ends in ((0, 1 + end), (1, 1 - end)):  # odd and even ordinates
-        total = 0.25j * np.exp(-0.5j * w) * ends
-        np.multiply(total.real, poles[first::2], out=pair[0, first::2])
-        np.multiply(total.imag, poles[first::2], out=pair[1, first::2])
-    at_pole = 0.5 * n * np.exp(-1j * half[met])
-    pair[:, met] = at_pole.real, at_pole.imag
-    pair *= np.sqrt(2 / n)
-    return pair
+
+def _slow_pair(grid: Grid, frequency: float) -> Array:
+    """Return the first ordinates of cosine and sine of a frequency in Hz, shape (2, m)."""
+    return SlowWaves.of(grid, np.array([frequency])).pair(0)
 
 
 def _pair(view: View, frequency: float) -> Array:

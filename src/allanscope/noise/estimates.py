@@ -18,7 +18,7 @@ degrees of freedom does by 1 + 1 / (3 nu) (Bartlett), nu = 1 / (2 relative_sd^2)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -281,14 +281,7 @@ def profile_interval(fit: Fit, index: int) -> Interval:
     free = fit.free[index]
     quantity = fit.model.quantity(free)
     is_shape = quantity.role == "shape"
-
-    def lost(value: float) -> float:
-        """Twice the nats lost with the number held at a value."""
-        value = float(np.clip(value, quantity.lower, quantity.upper))
-        model = fit.model.with_numbers([free], [value])
-        held = fit.likelihood.maximise(model, held=fit.held | {free})
-        return 2 * (fit.loglik - held.loglik)
-
+    lost = _loss_of(fit, free)
     best, spread = float(fit.values[index]), float(fit.relative_sd()[index])
     known = np.isfinite(spread) and best > 0
     spread = min(spread, 1.0) if known else 1.0
@@ -300,6 +293,28 @@ def profile_interval(fit: Fit, index: int) -> Interval:
         return Interval(0.0, upper, against_zero)
     lower = _crossing(lost, best, best / (1 + 2 * spread), target, floor=0.0)
     return Interval(lower, upper, against_zero)
+
+
+def _loss_of(fit: Fit, free: Free) -> Callable[[float], float]:
+    """Return what tells twice the nats that are lost with a number held at a value."""
+    quantity, held = fit.model.quantity(free), fit.held | {free}
+    likelihood, bounds = fit.likelihood, (quantity.lower, quantity.upper)
+
+    def lost(value: float) -> float:
+        model = fit.model.with_numbers([free], [float(np.clip(value, *bounds))])
+        return 2 * (fit.loglik - likelihood.maximise(model, held=held).loglik)
+
+    if quantity.role == "shape" or not fit.model.shapes <= held:
+        return lost
+    # What is linear in its square needs nothing else computed again.
+    basis = likelihood.basis(fit.model.with_numbers([free], [0.0]), held)
+    unit = likelihood.column(fit.model, fit.model.components[free.part].with_power(1.0))
+
+    def lost_by_square(value: float) -> float:
+        fixed = basis.fixed + np.clip(value, *bounds) ** 2 * unit
+        return 2 * (fit.loglik - likelihood.maximum(replace(basis, fixed=fixed)).loglik)
+
+    return lost_by_square
 
 
 def _visible(fit: Fit, index: int) -> float:

@@ -103,7 +103,7 @@ class GaussMarkov(EffectKind):
     def refine(self, view: View) -> Candidate:
         """Estimate correlation time and size again."""
         tc = max(self.correlation_time.value, 2 * _shortest(view))
-        return _candidate(view, tc / 2, tc * 2)
+        return _candidate(view, tc / 2, tc * 2).finished()
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return it where it removes its part of the residual and is there all along.
@@ -149,8 +149,24 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     )
     tc = float(np.exp(best))
     fit = view.spectrum_with(Process(1.0, tc))
-    sigma = _sigma(fit)
-    h = 0.1
+    sigma, gain = _sigma(fit), fit.loglik - view.spectrum.loglik
+    # Two levels can be told from a bell only where a dwell stands out of the noise within it.
+    noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
+    signal = 2 * tc * sigma**2 / max(noise, 1e-300)
+    effect = GaussMarkov(Estimate(sigma, unit=view.unit), Estimate(tc, unit="s"))
+    return Candidate(
+        effect,
+        gain,
+        float(np.log(12)),
+        parts=(Process(1.0, tc),),
+        rivals={"random_telegraph": gain} if signal < _TELLING else {},
+        finish=lambda: (_with_intervals(view, fit, effect), None),
+    )
+
+
+def _with_intervals(view: View, fit: Spectrum, effect: GaussMarkov) -> GaussMarkov:
+    """Return it with the intervals of both numbers."""
+    sigma, tc, h = effect.sigma.value, effect.correlation_time.value, 0.1
     after, before = (view.spectrum_with(Process(1.0, tc * np.exp(s))) for s in (h, -h))
     curvature = (2 * fit.loglik - after.loglik - before.loglik) / h**2
     error = 1 / np.sqrt(max(curvature, 1e-2))
@@ -168,13 +184,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     lower, upper = (
         sigma * np.exp(side * spread * reach_at_95(partial(drop, side))) for side in (-1.0, 1.0)
     )
-    error = min(error, 10.0)
-    gain = fit.loglik - view.spectrum.loglik
-    # Two levels can be told from a bell only where a dwell stands out of the noise within it.
-    noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
-    signal = 2 * tc * sigma**2 / max(noise, 1e-300)
-    effect = GaussMarkov(
-        Estimate(sigma, float(lower), float(upper), view.unit), Estimate.of_log(tc, error, "s")
+    return GaussMarkov(
+        Estimate(sigma, float(lower), float(upper), view.unit),
+        Estimate.of_log(tc, min(error, 10.0), "s"),
     )
-    rivals = {"random_telegraph": gain} if signal < _TELLING else {}
-    return Candidate(effect, gain, float(np.log(12)), parts=(Process(1.0, tc),), rivals=rivals)

@@ -84,7 +84,7 @@ class PowerLaw(EffectKind):
             return []
         ends = _BANK[best - 1] if best else _LEAST, _BANK[min(len(_BANK) - 1, best + 1)]
         found = _candidate(view, *ends)
-        bent = max((c.gain for c in GaussMarkov.candidates(view)), default=0.0)
+        bent = max((c.gain for c in GaussMarkov.proposed(view)), default=0.0)
         return [found] if found.gain > bent else []
 
     def refine(self, view: View) -> Candidate:

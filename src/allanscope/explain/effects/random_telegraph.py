@@ -112,10 +112,11 @@ class RandomTelegraph(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Start from the Gauss-Markov process of the same spectrum."""
-        found = _twin(view)
-        twin = found[1] if found is not None and found[0].excess >= 0 else None
-        if twin is not None:
-            candidates = [_candidate(view, twin.sigma.value, 2 * twin.correlation_time.value)]
+        found = next(iter(GaussMarkov.proposed(view)), None)
+        twin = found if found is not None and found.excess >= 0 else None
+        if twin is not None and isinstance(twin.effect, GaussMarkov):
+            size, dwell_s = twin.effect.sigma.value, 2 * twin.effect.correlation_time.value
+            candidates = [_candidate(view, size, dwell_s)]
         elif (moved := _moved(view)) > 0:  # a few slow hops are a random walk to any spectrum
             candidates = [_candidate(view, moved, view.series.duration_s / k) for k in (15, 45)]
         else:
@@ -126,16 +127,16 @@ class RandomTelegraph(EffectKind):
         if twin is not None:
             best = _with_spectrum(view, best, twin)
         if found is not None:
-            best = replace(best, rivals={GaussMarkov.kind: found[0].gain})
+            best = replace(best, rivals={GaussMarkov.kind: found.gain})
         yield best
 
     def refine(self, view: View) -> Candidate | None:
         """Find the path again."""
         again = _candidate(view, self.path_amplitude, self.dwell.value)
-        found = _twin(view)
-        if again is None or found is None or found[0].excess < 0:
+        twin = next(iter(GaussMarkov.proposed(view)), None)
+        if again is None or twin is None or twin.excess < 0:
             return again
-        return _with_spectrum(view, again, found[1])
+        return _with_spectrum(view, again, twin)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Refuse hops between neighbouring values every few rows: they are the converter's codes.
@@ -289,24 +290,18 @@ def _is_regular(path: _Path) -> bool:
     return bool(np.std(dwells) < _EVEN * np.mean(dwells))
 
 
-def _twin(view: View) -> tuple[Candidate, GaussMarkov] | None:
-    """Return the Gauss-Markov process that the spectrum shows."""
-    for found in GaussMarkov.candidates(view):
-        if isinstance(found.effect, GaussMarkov):
-            return found, found.effect
-    return None
-
-
-def _with_spectrum(view: View, candidate: Candidate, twin: GaussMarkov) -> Candidate:
-    """Take from the spectrum what the path does not tell.
+def _with_spectrum(view: View, candidate: Candidate, process: Candidate) -> Candidate:
+    """Take from the Gauss-Markov process that the spectrum shows what the path does not tell.
 
     The size, where the path misses hops and takes noise for others, which blurs it by some per
     cent; size and dwell, where noise breaks the path into too many pieces. Where both levels are
     seen but one is held longer than the other, the path is right: the spectrum, with
     1/Tc = 1/dwell_1 + 1/dwell_2, holds for the noise that enters the model only.
     """
-    effect, tc = candidate.effect, twin.correlation_time
+    effect, twin = candidate.effect, process.finished().effect
     assert isinstance(effect, RandomTelegraph)
+    assert isinstance(twin, GaussMarkov)
+    tc = twin.correlation_time
     assert tc.lower is not None
     assert tc.upper is not None
     half = effect.dwell.value / 2

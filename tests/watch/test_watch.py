@@ -8,6 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
+from allanscope.quantities import TWO_SIDED_95
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.false_alarms import log_weight
@@ -153,6 +154,24 @@ def test_frequency_of_a_line_is_within_its_interval():
             assert upper - lower < width
             held += lower <= frequency <= upper
     assert held >= 28
+
+
+def test_the_interval_of_a_line_is_as_wide_as_its_frequency_scatters():
+    """Where few bins are beside it, it is in the noise level of the block as well."""
+    info, away = StreamInfo(axes=("gx",), scale=(1e-3,), nominal_hz=26.0), []
+    for seed in range(40):
+        rng, time_s = np.random.default_rng(seed), np.arange(300 * 26) / 26
+        frequency = rng.uniform(4.0, 10.0)
+        values = rng.normal(0.0, 5.0, len(time_s))
+        values += (time_s >= 200) * 7.0 * np.sin(2 * np.pi * (frequency * time_s + rng.random()))
+        watch = Watch(info)
+        watch.rows(counts(values)[:, np.newaxis])
+        for found in watch.events(26.0):
+            assert found.frequency_interval_hz is not None
+            lower, upper = found.frequency_interval_hz
+            away.append((found.frequency_hz - frequency) / (upper - lower) * 2 * TWO_SIDED_95)
+    assert len(away) > 35
+    assert 0.7 < np.sqrt(np.mean(np.square(away))) < 1.2
 
 
 def test_burst_of_outliers():

@@ -465,13 +465,16 @@ class Watch:
 
     def _follow_line(self, track: Track, known: BlockSummary) -> None:
         place = round(track.bin) - FIRST_BIN
-        scale = of_axis(known.scale, track.axis)
+        scale, ratio = of_axis(known.scale, track.axis), of_axis(known.ratio, track.axis)
         bins = np.arange(max(place - 2, 0), min(place + 3, self._summarise.bins))
         noise = of_axis(self._summarise.power, track.axis)[bins].astype(np.float64)
-        excess = (of_axis(known.ratio, track.axis)[bins] * scale - 1.0) * noise
-        power = dict(zip((bins - place).tolist(), excess.tolist(), strict=True))
-        usual = float(noise[bins == place][0] / scale)
-        powers = np.array([power[0], power.get(-1, 0.0), power.get(1, 0.0), usual])
+        excess = (ratio[bins] * scale - 1.0) * noise
+        # The scale is of all bins: where these are few the line itself lowers it.
+        beside = ratio[of_axis(self._masked, track.axis) == 0]
+        usual = noise * (float(beside.mean()) if len(beside) else 1.0 / scale)
+        above = ratio[bins] * noise - usual
+        power = dict(zip((bins - place).tolist(), above.tolist(), strict=True))
+        powers = np.array([*(power.get(at, 0.0) for at in (0, -1, 1)), usual[place - bins[0]]])
         track.follow(float(excess.sum()), powers)
         if track.mean > 0.0 and track.followed >= LEAST_WINDOW:
             track.last.size = math.sqrt(track.mean / 0.09375) / self._summarise.length

@@ -133,6 +133,21 @@ def test_noise_changes_its_level_within_the_rows_that_are_said():
     assert_apt(stops)
 
 
+def test_the_time_constant_of_a_relaxation_is_as_well_known_as_is_said():
+    """It and the random walk beside it are known from the same few ordinates."""
+    rng, n, ranks = np.random.default_rng(36), 2048, []
+    t = np.arange(n) / RATE
+    for _ in range(80):
+        at, tc, size = rng.uniform(20.0, 60.0), rng.uniform(8.0, 30.0), rng.uniform(2.0, 5.0)
+        lasting = rng.uniform(0.0, 0.5) * size
+        creep = lasting + (size - lasting) * np.exp(-np.maximum(t - at, 0.0) / tc)
+        noise = rng.standard_normal(n) + np.cumsum(rng.normal(0, 0.005, n))
+        view = view_of(noise + (t >= at) * creep)
+        found = relaxation.Relaxation._near(view, int(np.ceil(at * RATE)), tc).finished()
+        ranks.append(rank(found.effect.time_constant, tc))
+    assert_apt(ranks)
+
+
 def test_a_jump_is_anywhere_between_its_row_and_the_one_before():
     """Told to its first row it would be half a row late, which is an eighth of these ranks."""
     rng, n, ranks = np.random.default_rng(31), 2048, {"step": [], "excursion": [], "relaxation": []}

@@ -38,6 +38,7 @@ __all__ = [
     "ramp_ordinates",
     "reach_at_95",
     "refit_jointly",
+    "restricted_loglik",
     "step_ordinates",
 ]
 
@@ -245,6 +246,27 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
             sides = [reach_at_95(partial(drop, step)), reach_at_95(partial(drop, -step))]
             factors[j] = max(1.0, float(np.mean(sides)) / TWO_SIDED_95)
     return np.asarray(covariance * np.outer(factors, factors))
+
+
+def restricted_loglik(view: View, columns: Array) -> float:
+    """Return the log-likelihood of the shapes of signals, whatever their amplitudes are.
+
+    What the amplitudes take of the ordinates is put back, as in `marginal_covariance`.
+    """
+    m, power, powers = columns.shape[1], view.power.copy(), view.spectrum.powers
+    kept, binned = _low_bins(view.grid, view.spectrum.excluded, m)
+    d, loglik = view.ordinates[:m], np.inf
+    for _ in range(_ROUNDS):
+        weighted = columns * (kept / view.fitter.first(powers, m))
+        covariance = _inverse(weighted @ columns.T)
+        rest = d - (covariance @ (weighted @ d)) @ columns
+        means = binned(rest**2 + np.sum(columns * (covariance @ columns), axis=0))
+        power[: len(means)] = means
+        before = loglik
+        powers, loglik = view.fitter.powers(power, powers)
+        if abs(loglik - before) < 1e-3:
+            break
+    return loglik + 0.5 * float(np.linalg.slogdet(covariance)[1])
 
 
 def reach_at_95(drop: Callable[[float], float]) -> float:

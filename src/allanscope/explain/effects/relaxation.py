@@ -4,6 +4,10 @@ A cable that was pulled, a screw that was tightened, a supply that was switched:
 becomes L + (D - L) exp(-(t - t0) / tau). One step leaves the creeping, which looks like more steps
 and a large K. Both amplitudes are fitted with the noise at the most telling instants, for a bank of
 time constants; then the instant is moved to the row and the time constant to the maximum.
+
+The likelihood of a time constant is no parabola, and flicker and the random walk, which imitate the
+creeping, are known from few ordinates: its interval is that of its restricted likelihood (Harville,
+Biometrika 61, 1974), the noise fitted again at each.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +28,7 @@ from allanscope.explain.regression import (
     joint_fit,
     marginal_covariance,
     relaxing_ordinates,
+    restricted_loglik,
     step_ordinates,
 )
 from allanscope.explain.spectrum import ends_of, instants_before
@@ -48,6 +53,10 @@ _REACH = 20
 """Rows to each side of the best, at the least: so far every row is one of them."""
 _STEP, _LEAP = 0.02, 0.4
 """Of ln tau: over which derivatives are taken, and the most that it moves in one turn."""
+_ERRORS, _FARTHEST, _TIME_CONSTANTS = 5.0, 3.0, 21
+"""Reach of ln tau over which its likelihood is summed, in errors and at the most, and terms."""
+_OUT = 0.025
+"""Probability on each side of its interval."""
 _CREEPS = 3.5
 """Standard errors that the creeping part is at least: else it is a step."""
 
@@ -170,7 +179,29 @@ class Relaxation(Jump):
         searched = cls.looked_at(view) + float(np.log(_BANK))
         none = Estimate(1.0, unit=view.unit)
         bare = Candidate(cls(time, none, Estimate(tc, unit="s"), none), fit.gain, searched)
-        return bare.effect.solved(view, bare, amplitude, covariance)
+        found = bare.effect.solved(view, bare, amplitude, covariance)
+        effect = found.effect
+        if not isinstance(effect, cls):  # a step
+            return found
+        error = float(np.sqrt(covariance[2, 2])) / abs(float(amplitude[1]))
+        return replace(found, finish=lambda: (effect.with_interval(view, error), found.signal))
+
+    def with_interval(self, view: View, error: float) -> Self:
+        """Return it with the interval that holds 95 % of its time constants.
+
+        Each weighs by its restricted likelihood. `error` is that of ln tau on a straight line, from
+        which half and twice a time constant are far.
+        """
+        row, tc = self.row(view), self.time_constant.value
+        reach = min(_ERRORS * error, _FARTHEST)
+        moved = np.linspace(-reach, reach, _TIME_CONSTANTS)
+        loglik = np.array(
+            [restricted_loglik(view, _pair(view, row, tc * np.exp(x))) for x in moved.tolist()]
+        )
+        weight = np.exp(loglik - loglik.max())
+        below = (np.cumsum(weight) - weight / 2) / weight.sum()
+        lower, upper = (tc * np.exp(np.interp([_OUT, 1 - _OUT], below, moved))).tolist()
+        return replace(self, time_constant=Estimate(tc, min(lower, tc), max(upper, tc), "s"))
 
 
 def _loss(view: View, row: int, log_tc: float) -> float:

@@ -254,17 +254,17 @@ def restricted_loglik(view: View, columns: Array) -> float:
     What the amplitudes take of the ordinates is put back, as in `marginal_covariance`.
     """
     m, power, powers = columns.shape[1], view.power.copy(), view.spectrum.powers
-    kept, binned = _low_bins(view.grid, view.spectrum.excluded, m)
+    low = _low_bins(view.grid, view.spectrum.excluded, m)
     d, loglik = view.ordinates[:m], np.inf
     for _ in range(_ROUNDS):
-        weighted = columns * (kept / view.fitter.first(powers, m))
+        weighted = columns * (low.kept / view.fitter.first(powers, m))
         covariance = _inverse(weighted @ columns.T)
         rest = d - (covariance @ (weighted @ d)) @ columns
-        means = binned(rest**2 + np.sum(columns * (covariance @ columns), axis=0))
-        power[: len(means)] = means
+        taken = np.sum(columns * (covariance @ columns), axis=0)
+        power[: len(low.edges)] = low.means(rest**2 + taken)
         before = loglik
         powers, loglik = view.fitter.powers(power, powers)
-        if abs(loglik - before) < 1e-3:
+        if abs(loglik - before) < _CLOSE:
             break
     return loglik + 0.5 * float(np.linalg.slogdet(covariance)[1])
 

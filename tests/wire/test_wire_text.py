@@ -981,7 +981,9 @@ def test_a_given_rate_is_above_times_that_disagree(times: str, used: bool) -> No
         ),
         ("p,q\n1,2\n", "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp"),
         ("gx[furlong],q\n1,2\n", "line 1: the unit of 'gx[furlong]' is not known"),
-        ("1,2\n3,4\n", "line 1: 2 numbers without a header"),
+        ("1,2\n3,4\n", "line 1: 2 columns without names; write names above, e.g. 'gx gy' (al"),
+        ("1\n2\n", "line 1: 1 column without a name; write a name above, e.g. 'gx' (also t"),
+        ("1 " * 40 + "\n", "line 1: 40 columns without names; write names above, e.g. 'gx gy gz "),
         ("\x00\x01\xff\xfe" * 50, ""),
     ],
 )

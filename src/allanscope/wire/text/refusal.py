@@ -24,6 +24,8 @@ from allanscope.wire.text.units import DIVISORS, LARGEST
 __all__ = ["why_no_row", "why_no_rows"]
 
 _SHOWN = 3
+_UNREAD = 3
+"""Columns beside the six axes that an example of names shows."""
 _LOOKED_AT = 1 << 14
 _LONGEST_CELL, _LONGEST = 16, 220
 _ENDS = re.compile(rb"\r\n|\n\r|\n|\r")
@@ -74,10 +76,7 @@ def _reasons(sample: bytes) -> Iterator[str]:
         elif columns is not None or all(numbers):
             taken = columns or unnamed(len(cells))
             if taken is None:
-                yield (
-                    f"{where}: {len(cells)} numbers without a header; "
-                    "3, 4, 6, 7 or 8 columns are understood without one"
-                )
+                yield f"{where}: {_nameless(len(cells))}"
                 return
             if why := why_no_row(taken, line):
                 yield f"{where}, {why}" if why.startswith("column") else f"{where}: {why}"
@@ -113,6 +112,23 @@ def _is_too_large(column: Column, cell: str) -> bool:
     except ValueError:  # a time of day
         return False
     return abs(value) > LARGEST * DIVISORS[column.quantity].get(column.unit, 1.0)
+
+
+def _nameless(count: int) -> str:
+    """Return what to write above rows of so many numbers.
+
+    >>> _nameless(9)
+    "9 columns without names; write names above, e.g. 'gx gy gz ax ay az - - -' (also t, temp)"
+    """
+    names = [*AXES[:count], *["-"] * min(count - len(AXES), _UNREAD)]
+    if count > len(AXES) + _UNREAD:
+        names.append("...")
+    columns = (
+        "1 column without a name; write a name"
+        if count == 1
+        else (f"{count} columns without names; write names")
+    )
+    return f"{columns} above, e.g. '{' '.join(names)}' (also t, temp)"
 
 
 def _no_axis(cells: list[str]) -> str:

@@ -296,3 +296,10 @@ def test_a_bag_is_replayed(tmp_path, capsys):
     path = bags.write_mcap(tmp_path / "a.mcap", SAID)
     assert main(["replay", str(path), "--view", "none"]) == 0
     assert f"{len(SAID):,} samples".replace(",", " ") in capsys.readouterr().out
+
+
+def test_of_a_bag_of_ros_1_it_is_said_how_to_convert_it(tmp_path, capsys):
+    path = tmp_path / "night.bag"
+    path.write_bytes(b"#ROSBAG V2.0\n" + bytes(4096))
+    assert main(["analyse", str(path)]) == 3
+    assert "rosbags-convert --src night.bag --dst night" in capsys.readouterr().err

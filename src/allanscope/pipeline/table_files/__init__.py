@@ -37,6 +37,7 @@ __all__ = [
     "MOST_BYTES",
     "MOST_COLUMNS",
     "MOST_MEMBERS",
+    "ROS_1_MAGIC",
     "Matlab4Header",
     "TableFile",
     "is_table_file",
@@ -74,6 +75,8 @@ class TableFile:
     part: str = ""
 
 
+ROS_1_MAGIC = b"#ROSBAG V2.0"
+"""Of a bag of ROS 1, which is refused with what to do."""
 _HEAD = 64
 _XML_HEAD = 1 << 14
 _MAGICS: tuple[tuple[bytes, str], ...] = (
@@ -84,6 +87,7 @@ _MAGICS: tuple[tuple[bytes, str], ...] = (
     (b"MATLAB 7.3 MAT-file", "mat"),
     (b"SQLite format 3\0", "rosbag2"),
     (b"ULog\x01\x12\x35", "ulog"),
+    (ROS_1_MAGIC, "rosbag2"),
 )
 _MATLAB_4_KINDS = [10 * number + kind for number in range(6) for kind in range(3)]
 _MATLAB_NAME = re.compile(rb"[A-Za-z]\w*\0?")

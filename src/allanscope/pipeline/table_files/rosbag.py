@@ -33,7 +33,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from allanscope.pipeline.columns import Columns
-from allanscope.pipeline.table_files import MOST_BYTES, TableFile
+from allanscope.pipeline.table_files import MOST_BYTES, ROS_1_MAGIC, TableFile
 from allanscope.recording import MCAP_MAGIC
 from allanscope.samples import AXES
 
@@ -47,6 +47,7 @@ MOST_ROWS = MOST_BYTES // 64
 FEWEST_ALIKE = 8
 """Messages in a row of one topic and length from which on they are taken together."""
 
+_HEAD = 16
 _DOUBLES = 37
 _RECORD = struct.Struct("<BQ").unpack_from
 _MESSAGE = struct.Struct("<HIQQ").unpack_from  # channel, number, logged, published
@@ -62,7 +63,13 @@ def read(path: Path, stream: str = "") -> TableFile:
     bag = _Bag(stream)
     for file in files:
         with file.open("rb") as opened:
-            is_mcap = opened.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+            magic = opened.read(_HEAD)
+        if magic.startswith(ROS_1_MAGIC):
+            raise ValueError(
+                "a bag of ROS 1; convert it with `pip install rosbags` and "
+                f"`rosbags-convert --src {file.name} --dst {file.stem}`, then analyse {file.stem}"
+            )
+        is_mcap = magic.startswith(MCAP_MAGIC)
         (_read_mcap if is_mcap else _read_sqlite)(file, bag)
     return TableFile(bag.columns(), "rosbag2")
 

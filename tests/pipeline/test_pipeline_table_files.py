@@ -269,3 +269,13 @@ def test_what_is_wrong_with_a_matlab_file_is_said(tmp_path, kind, message, monke
         path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(InputError, match=message):
         table_of_file(path)
+
+
+def test_a_matlab_file_with_objects_is_read_without_a_warning(tmp_path):
+    from scipy.io import savemat
+
+    path, other = tmp_path / "a.mat", tmp_path / "b.mat"
+    savemat(path, {"t": T, "gz": T, "None": T})
+    savemat(other, {"None": T})
+    path.write_bytes(path.read_bytes() + other.read_bytes()[128:])
+    assert set(table_of_file(path).columns.axes) == {"gz"}

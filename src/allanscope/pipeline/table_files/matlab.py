@@ -7,6 +7,7 @@ needed. A single axis may be called by its sensor alone (``omega``), as in MATLA
 from __future__ import annotations
 
 import struct
+import warnings
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -43,17 +44,22 @@ def read(path: Path, stream: str = "") -> TableFile:
     with path.open("rb") as file:
         magic = file.read(10)
     if magic == b"MATLAB 7.3":
-        raise ValueError("a .mat of version 7.3, which is HDF5; save it with -v7")
+        raise ValueError(
+            "a .mat of version 7.3, which is HDF5; in MATLAB load it and save it with -v7"
+        )
     if magic.startswith(b"MATLAB"):
         _refuse_bombs(path)
     else:
         _refuse_claims(path)
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from scipy.io.matlab import MatReadError, MatReadWarning
 
     try:
         # Only numbers, texts and structures: a function handle is never made one.
-        content = loadmat(path, simplify_cells=True, appendmat=False)
+        with warnings.catch_warnings():
+            # Objects, such as MATLAB's timetables and strings, have no names: SciPy's "None" twice.
+            warnings.simplefilter("ignore", MatReadWarning)
+            content = loadmat(path, simplify_cells=True, appendmat=False)
     except (MatReadError, TypeError, KeyError, IndexError, UnicodeError) as error:
         raise ValueError(f"not a valid .mat file: {error}") from None
     found = Found()

@@ -52,3 +52,13 @@ def test_many_bad_samples_are_outliers_and_heavy_tails_are_none(bench, share):
     assert found.effect.count.value == bad.sum()
     for freedom in (1, 2, 4):
         assert not list(KINDS["outliers"].candidates(view_of(b.rng.standard_t(freedom, 12_000))))
+
+
+def test_a_sample_apart_from_heavy_tails_is_an_outlier(bench):
+    """What is 100 deviations off is none of tails that reach 10, wherever these come from."""
+    b = bench(572)
+    samples = b.rng.standard_t(6, 12_000)
+    assert not list(KINDS["outliers"].candidates(view_of(samples)))
+    samples[4000] = 100.0
+    (found,) = KINDS["outliers"].candidates(view_of(samples))
+    assert found.effect.count.value == 1

@@ -3,7 +3,10 @@ r"""Isolated samples that the rest does not allow: bit errors, knocks, discharge
 The curve shows them as white noise. Each sample is compared with the mean of its neighbourhood in
 units of the noise there (so that a noisy stretch is not a crowd of outliers); with n samples the
 limit is the normal quantile of 1 - alpha/(2 n), about six. If more samples lie between 3.5 and the
-limit than a Gaussian has, the whole distribution has heavy tails and no single sample is to blame.
+limit than a Gaussian has, the whole distribution has heavy tails, and only samples that stand apart
+from these are to blame. The largest of a tail that falls as :math:`x^{-\nu}` are apart by chance:
+all :math:`k \ln(x_k / x_{k+1})` are exponential with the mean :math:`1/\nu` (Renyi), which is that
+of the smaller ones.
 """
 
 from __future__ import annotations
@@ -35,6 +38,8 @@ _BULK = 3.5
 """Sigma from which a sample is far out, of which a Gaussian has one in 2000."""
 _OWN = 0.6
 """Share of its distance from the mean around it that a sample must be away from both its sides."""
+_FEWEST_IN_TAIL, _MOST_APART = 20, 3
+"""Samples beyond `_BULK` that tell how a tail falls, and most apart from it: more are a tail."""
 _MOST = 0.02
 """More than this share of outliers is a distribution. Of up to it, none was named in samples of
 Student's t with 1 to 5 degrees of freedom, Laplace's, or noise of log-normal amplitude."""
@@ -88,8 +93,9 @@ class Outliers(EffectKind):
         at, z, level = _on_their_own(view.data, at, z, limit + rounding)
         between = int(np.count_nonzero((np.abs(z) > _BULK) & (np.abs(z) < limit)))
         expected = 2 * ndtr(-_BULK) * n
-        heavy = between - expected > 6 * np.sqrt(expected) + len(at)
-        if heavy or len(at) > _MOST * n:
+        if between - expected > 6 * np.sqrt(expected) + len(at):
+            at = at[_apart_from_tails(np.abs(z), at, rounding)]
+        if len(at) == 0 or len(at) > _MOST * n:
             return []
         signal = np.zeros(n)
         signal[at] = view.data[at] - level[at]
@@ -98,6 +104,30 @@ class Outliers(EffectKind):
         gain = float(-np.sum(np.log(2 * n) + log_ndtr(rounding - sizes)))
         count = Estimate(float(len(at)), float(len(at)), float(len(at) + 2 * close + 1))
         return [Candidate(cls(count, float(sizes.max())), gain, signal=signal)]
+
+
+def _apart_from_tails(sizes: Array, at: NDArray[np.int64], rounding: float) -> NDArray[np.bool_]:
+    """Tell which of the samples lie beyond a gap that a heavy tail leaves too rarely.
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (n,)
+        Distances of all samples in deviations.
+    at : ndarray of int
+        Those beyond the limit.
+    rounding : float
+        By how much a distance may be off, as the values have a step.
+    """
+    tail = np.sort(sizes[sizes > _BULK])[::-1]
+    most = min(len(at), len(tail) - _FEWEST_IN_TAIL, _MOST_APART)
+    if most < 1:
+        return np.zeros(len(at), bool)
+    logs, k = np.log(tail / _BULK), np.arange(1, most + 1)
+    others = len(tail) - k
+    mean = (np.cumsum(logs[::-1])[::-1][k] + k * logs[k]) / others
+    gap = k * np.log(np.maximum((tail[k - 1] - rounding) / (tail[k] + rounding), 1.0))
+    apart = k[others * np.log1p(gap / mean / others) > np.log(most / ALPHA)]
+    return sizes[at] >= (tail[apart[-1] - 1] if len(apart) else np.inf)
 
 
 def _on_their_own(

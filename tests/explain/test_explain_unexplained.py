@@ -40,6 +40,23 @@ def test_heavy_tails_are_neither_outliers_nor_a_burst(bench):
     assert not result.explained
 
 
+@pytest.mark.parametrize("tails", [True, False])
+def test_heavy_tails_are_seen_beside_a_change_of_the_noise_level(bench, tails):
+    """Louder noise has a kurtosis of its own; heavy tails have one at each level."""
+    b = bench(37, 1200.0)
+    noise = b.noise()
+    noise[len(noise) // 2 : 3 * len(noise) // 4] *= 1.4
+    if tails:
+        noise += 0.7 * SIGMA * b.rng.standard_t(3, len(noise))
+    found = explain(b.record(noise)).axes["gx"].effects
+    assert {e.kind for e in found} == (
+        {"variance_change", "unexplained"} if tails else {"variance_change"}
+    )
+    if tails:
+        (left,) = (e for e in found if e.kind == "unexplained")
+        assert left.evidence["excess_kurtosis"] > 0.3
+
+
 def test_a_slow_wave_is_neither_warm_up_nor_ramp(bench):
     b = bench(34)
     wave = 0.05 * np.sin(2 * np.pi * b.t / (1.1 * b.t[-1]) + 2)

@@ -121,11 +121,17 @@ def band_scores(view: View) -> Bands:
     return Bands(np.sqrt(low * high), low, high, count, ratio, z)
 
 
-def excess_kurtosis(view: View) -> tuple[float, float]:
-    """Kurtosis of the innovations beyond a Gaussian's, and its standard error."""
+def excess_kurtosis(view: View, stretches: int = 1) -> tuple[float, float]:
+    """Kurtosis of the innovations beyond a Gaussian's, and its standard error.
+
+    Of several stretches it is the mean of theirs, each with a variance of its own.
+    """
     squares = view.innovations[_ENDS:-_ENDS] ** 2
-    variance = float(np.mean(squares))
-    return float(np.mean(squares**2) / variance**2 - 3.0), float(np.sqrt(24 / len(squares)))
+    length = len(squares) // stretches
+    squares = squares[: length * stretches].reshape(stretches, length)
+    variance = np.maximum(np.mean(squares, axis=1), 1e-300)
+    kurtosis = np.mean(squares**2, axis=1) / variance**2 - 3.0
+    return float(np.mean(kurtosis)), float(np.sqrt(24 / squares.size))
 
 
 def excess_skewness(view: View) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from scipy.special import eval_legendre
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.noise_level_period import noise_level_period
 from allanscope.explain.presence import presence_of
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
@@ -43,6 +44,8 @@ _TAIL_Z = 6.0
 """Standard errors of skewness and kurtosis from which the distribution is not a Gaussian's."""
 _COARSE = 0.12
 """Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
+_STRETCHES = 64
+"""Stretches, each of nearly one level, within which tails are looked at where the level changes."""
 _TURNS = 4
 """Most times that the ends of a range are found again without it."""
 _WAVES, _REMNANT = 5.0, 0.1
@@ -550,12 +553,15 @@ def _distribution(view: View, gain: float, words: str, **figures: float) -> Cand
 
 
 def _tails(view: View) -> list[Candidate]:
-    kurtosis, error = excess_kurtosis(view)
     # The rounding's part of the power: what it adds is flat, with an excess kurtosis of -1.2.
     rounding = view.floor / float(np.median(view.spectrum.ordinates))
-    hidden = rounding > _COARSE or any(c.effect.is_not_gaussian for c in view.accepted)
-    if hidden:
+    known = [c.effect for c in view.accepted if c.effect.is_not_gaussian]
+    levels = [effect for effect in known if isinstance(effect, VarianceChange)]
+    if rounding > _COARSE or len(levels) < len(known):
         return []
+    kurtosis, error = excess_kurtosis(view)
+    if levels:
+        return _tails_beside(levels[0], view) if kurtosis > 0 else []
     skewness, uncertain = excess_skewness(view)
     if abs(skewness) > _TAIL_Z * uncertain and abs(skewness) / uncertain > abs(kurtosis) / error:
         side = "upper" if skewness < 0 else "lower"
@@ -573,3 +579,14 @@ def _tails(view: View) -> list[Candidate]:
         words += f": the noise is louder every {period_s:.4g} s"
         figures["period_s"] = period_s
     return [_distribution(view, gain, words, **figures)]
+
+
+def _tails_beside(level: VarianceChange, view: View) -> list[Candidate]:
+    """Return tails within stretches, beyond what two levels of noise in each of them would have."""
+    kurtosis, error = excess_kurtosis(view, _STRETCHES)
+    squared = level.ratio.value**2
+    if kurtosis - 0.75 * (squared - 1) ** 2 / squared < _TAIL_Z * error:
+        return []
+    words = f"heavier tails than a Gaussian (excess kurtosis {kurtosis:.2g}) at each noise level"
+    gain = (kurtosis / error) ** 2 / 2
+    return [_distribution(view, gain, words, excess_kurtosis=kurtosis)]

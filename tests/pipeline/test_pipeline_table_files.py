@@ -249,7 +249,7 @@ def test_flipped_bits_of_a_matlab_file_of_version_4_are_read_or_refused(tmp_path
         ("bomb", "bytes of arrays"),
         ("version", "save it with -v7"),
         ("cut", "a.mat"),
-        ("none", "no axis among the arrays"),
+        ("none", "no axis among the arrays q r; call them .* or gyro and accel"),
     ],
 )
 def test_what_is_wrong_with_a_matlab_file_is_said(tmp_path, kind, message, monkeypatch):

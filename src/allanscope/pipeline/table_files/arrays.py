@@ -171,7 +171,8 @@ def columns_of_found(found: Found) -> Columns:
         names = [*found.columns, *found.tables, *found.left_out]
         raise ValueError(
             f"no axis among the arrays {' '.join(names)[:200] or '(none)'}; "
-            f"call them t {' '.join(AXES)} temp, or give one table"
+            f"call them t {' '.join(AXES)} temp, or gyro and accel (three columns each), "
+            "or give one table"
         )
     if not left_out:
         return columns

@@ -9,6 +9,7 @@ from scipy.signal import butter, lfilter
 from allanscope.explain import explain
 
 N, RATE = 4e-3, 52.0
+SIGMA = N * RATE**0.5
 
 
 def settled(b, taps):
@@ -82,3 +83,13 @@ def test_noise_of_the_angle_is_none(bench, seed):
     shape = np.fft.irfft(np.fft.rfft(b.rng.standard_normal(2 * n)) * np.sqrt(f))[:n]
     axis = explain(b.record(0.25 * b.noise() + 2 * N * shape)).axes["gx"]
     assert "high_pass" not in [effect.kind for effect in axis.effects]
+
+
+@pytest.mark.parametrize("seed", [747, 760, 807])
+def test_noise_that_is_louder_in_a_tenth_of_the_record_is_behind_none(bench, seed):
+    """Its spectrum is smooth, so that the lowest ordinates lack power together, one time in ten."""
+    b = bench(seed, 24_000 / RATE)
+    noise = np.random.default_rng(seed).normal(0, SIGMA, len(b.t))
+    noise[-2400:] *= 8
+    found = explain(b.record(noise)).axes["gx"].effects
+    assert "high_pass" not in {effect.kind for effect in found}

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.narrowband import ordinate_correlation
 from allanscope.explain.heldout import halves
 from allanscope.explain.regression import (
     Regression,
@@ -101,7 +102,10 @@ class HighPass(EffectKind):
             return []
         # Noise of the angle rises all the way up, and is one of the textbook's.
         phase = max(view.loglik_with(one(1.0)) for one in (FlickerPhase, AngleQuantization))
-        return [found] if found.gain > phase - view.spectrum.loglik else []
+        if found.gain <= phase - view.spectrum.loglik:
+            return []
+        # Where a part of the record is much louder than the rest, neighbours lack power together.
+        return [replace(found, gain=found.gain / ordinate_correlation(view.data))]
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate the corner again."""

@@ -34,10 +34,9 @@ noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in sample
 from __future__ import annotations
 
 import tomllib
-from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +59,9 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
-Noise = tuple[int, float]
-"""A power law, and the width of its filter."""
+Ints = NDArray[np.int64]
+Asked = tuple[int, int, float, int]
+"""Power laws of two noises, averaging factor and stride."""
 
 _ONE_BY_ONE = 1024
 """Up to this many lags every one is summed."""
@@ -196,15 +196,18 @@ def difference_edf(
         raise ValueError(f"a difference of order {order} does not converge for alpha {alpha.min()}")
     length = m * order + (m if modified else 1)
     terms = 1 + (n + 1 - length) // stride
-    ask = partial(_edf_at, order=order, modified=modified, sampled=sampled)
-    asked = zip(*(one.ravel().tolist() for one in (alpha, m, stride, terms)), strict=True)
-    edf = np.array([ask(*one) for one in asked], np.float64).reshape(m.shape)
+    edf, at = np.zeros(m.shape), terms >= 1
+
+    def summed(law: Ints, factor: Floats, step: Ints, count: Floats) -> Floats:
+        return 1.0 / _overlap(law, law, factor, step, count, order, modified, sampled)
+
+    edf[at] = _by_neighbours(summed, m[at], stride[at], terms[at], alpha[at])
     return edf
 
 
 def difference_overlap(
-    alpha: int,
-    beta: int,
+    alpha: ArrayLike,
+    beta: ArrayLike,
     m: ArrayLike,
     n: ArrayLike,
     stride: ArrayLike,
@@ -224,114 +227,130 @@ def difference_overlap(
 
     Parameters
     ----------
-    alpha, beta : int
+    alpha, beta : array_like of int
         Power laws of the rate.
     m, n, stride, order, modified
         As for `difference_edf`.
 
     Examples
     --------
-    >>> both = [[difference_overlap(a, b, 64, 1024, 1, 3) for b in (0, -4)] for a in (0, -4)]
+    >>> both = difference_overlap([0, -4], [[0], [-4]], 64, 1024, 1, order=3)
     >>> alone = 1.0 / difference_edf([0, -4], 64, 1024, 1, 3)
     >>> (np.diag(both) / alone).round(6).tolist(), round(float(1.0 / np.mean(both)))
     ([1.0, 1.0], 20)
     """
-    m, n, stride = np.broadcast_arrays(m, n, stride)
+    alpha, beta, m, n, stride = np.broadcast_arrays(alpha, beta, m, n, stride)
     length = m * order + (m if modified else 1)
     terms = np.maximum(1 + (n + 1 - length) // stride, 1)
-    ask = partial(_overlap_at, max(alpha, beta), min(alpha, beta), order=order, modified=modified)
-    asked = zip(*(one.ravel().tolist() for one in (m, stride, terms)), strict=True)
-    return np.array([ask(*one) for one in asked], np.float64).reshape(m.shape)
+    fast, slow = np.maximum(alpha, beta).ravel(), np.minimum(alpha, beta).ravel()
 
+    def summed(first: Ints, second: Ints, factor: Floats, step: Ints, count: Floats) -> Floats:
+        both = _overlap(first, second, factor, step, count, order, modified, sampled=True)
+        return both * count
 
-@lru_cache(maxsize=1 << 13)  # estimators of one family, and records of one length, ask the same
-def _edf_at(
-    alpha: int, m: float, stride: float, terms: float, *, order: int, modified: bool, sampled: bool
-) -> float:
-    """Return `difference_edf` of so many terms."""
-    averaged = modified and not (sampled and m == 1)
-    summed = partial(_summed, alpha, stride, order, averaged, sampled and not averaged)
-    return _by_neighbours(summed, float(m), float(stride), float(terms))
-
-
-@lru_cache(maxsize=1 << 13)
-def _overlap_at(
-    alpha: int, beta: int, m: float, stride: float, terms: float, *, order: int, modified: bool
-) -> float:
-    """Return `difference_overlap` of so many terms."""
-    averaged = modified and m > 1
-
-    def summed(factor: float, count: float) -> float:
-        span = factor / stride
-        first, second = (
-            (law, _filter_width(law, int(factor), span, averaged)) for law in (alpha, beta)
-        )
-        return _overlap((first, second), span, order, not averaged, count) * count
-
-    return _by_neighbours(summed, float(m), float(stride), float(terms), straight=True) / terms
+    found = _by_neighbours(
+        summed, m.ravel(), stride.ravel(), terms.ravel(), fast, slow, straight=True
+    )
+    return np.asarray(found.reshape(m.shape) / terms)
 
 
 def _overlap(
-    noises: tuple[Noise, Noise], span: float, order: int, sampled: bool, terms: float
-) -> float:
-    """Return c_ij of two noises, each a power law and the width of its filter; 1 / edf of one."""
-    whole, total, moment = _whole_sums(noises, span, order, sampled)
-    if terms < whole:
-        edge, _, centre = _blocks(span, order + 1)
-        return _summed_up(edge, centre, _products(noises, span, order, sampled)).inverse(terms)
-    return float((1.0 + 2.0 * (total - moment / terms)) / terms)
+    alpha: Ints,
+    beta: Ints,
+    m: Floats,
+    stride: Ints,
+    terms: Floats,
+    order: int,
+    modified: bool,
+    sampled: bool,
+) -> Floats:
+    """Return c_ij of pairs of noises, each at an averaging factor; 1 / edf of one."""
+    asked = list(zip(*(one.tolist() for one in (alpha, beta, m, stride)), strict=True))
+    # So many lags count at most, of which the sums do not depend on the length of the run.
+    whole = terms > np.ceil((order + 1) * m / stride)
+    inverse = np.empty(m.size)
+    known = tuple(one for one, is_whole in zip(asked, whole.tolist(), strict=True) if is_whole)
+    total, moment = _sums_of_all_lags(known, order, modified, sampled)
+    inverse[whole] = (1.0 + 2.0 * (total - moment / terms[whole])) / terms[whole]
+    for i in np.flatnonzero(~whole).tolist():
+        inverse[i] = _overlap_of_few(asked[i], float(terms[i]), order, modified, sampled)
+    return inverse
 
 
-@lru_cache(maxsize=1 << 13)  # records of any length ask the same
-def _whole_sums(
-    noises: tuple[Noise, Noise], span: float, order: int, sampled: bool
-) -> tuple[float, float, float]:
-    """Return the terms from which on all lags count, and the sums over these as in `LagSums`."""
-    edge, _, centre = _blocks(span, order + 1)
-    square = _products(noises, span, order, sampled)
-    return float(edge[-1]), float(square.sum()), float(centre @ square)
+@lru_cache(maxsize=256)  # estimators of one family, and records of any length, ask the same
+def _sums_of_all_lags(
+    asked: tuple[Asked, ...], order: int, modified: bool, sampled: bool
+) -> Floats:
+    """Return the sums over all lags as in `LagSums`, shape (2, k)."""
+    sums = [_sum_of_all_lags(one, order, modified, sampled) for one in asked]
+    return np.array(sums, np.float64).reshape(-1, 2).T
 
 
-def _products(noises: tuple[Noise, Noise], span: float, order: int, sampled: bool) -> Floats:
-    """Return the products of two autocorrelations, summed over each block of lags."""
-    first, second = (_correlation(law, span, wide, order, sampled) for law, wide in noises)
-    return _blocks(span, order + 1)[1] * first * second
+@lru_cache(maxsize=1 << 13)
+def _sum_of_all_lags(
+    asked: Asked, order: int, modified: bool, sampled: bool
+) -> tuple[float, float]:
+    centre, square = _products(asked, order, modified, sampled)[1:]
+    return float(square.sum()), float(centre @ square)
 
 
-def _summed(
-    alpha: int, stride: float, order: int, averaged: bool, discrete: bool, m: float, terms: float
-) -> float:
-    """Return the degrees of freedom of so many terms at m, by the sum over their lags."""
+@lru_cache(maxsize=1 << 12)
+def _overlap_of_few(asked: Asked, terms: float, order: int, modified: bool, sampled: bool) -> float:
+    """Return c_ij of so few terms that not all lags count."""
+    edge, centre, square = _products(asked, order, modified, sampled)
+    block = min(int(np.searchsorted(edge, terms, side="right")), len(square)) - 1
+    part = min((terms - edge[block]) / (edge[block + 1] - edge[block]), 1.0)
+    square, centre = square[: block + 1], centre[: block + 1]
+    square[block] *= part
+    return float((1.0 + 2.0 * (square.sum() - centre @ square / terms)) / terms)
+
+
+def _products(
+    asked: Asked, order: int, modified: bool, sampled: bool
+) -> tuple[Floats, Floats, Floats]:
+    """Return edges and middles of blocks of lags, and products of two autocorrelations in each."""
+    alpha, beta, m, stride = asked
     span = m / stride
-    noise = alpha, _filter_width(alpha, int(m), span, averaged)
-    return 1.0 / _overlap((noise, noise), span, order, discrete, terms) if terms >= 1 else 0.0
+    averaged = modified and not (sampled and m == 1)
+    edge, width, centre = _blocks(span, order + 1)
+    first, second = (
+        _correlation(
+            law, span, _filter_width(law, int(m), span, averaged), order, sampled and not averaged
+        )
+        for law in (alpha, beta)
+    )
+    return edge, centre, width * first * second
 
 
 def _by_neighbours(
-    summed: Callable[[float, float], float],
-    m: float,
-    stride: float,
-    terms: float,
-    *,
+    summed: Callable[..., Floats],
+    m: Ints,
+    stride: Ints,
+    terms: Ints,
+    *laws: Ints,
     straight: bool = False,
-) -> float:
-    """Return `summed` at m and so many terms; beyond `_SUMMED_ALONE` from two neighbours of m.
+) -> Floats:
+    """Return `summed` of laws at m, stride and so many terms; of large m from neighbours of it.
 
     With as many terms in a tau the degrees of freedom hardly depend on m, or (white PM) grow as it
     does: a straight line in the logarithms, or with `straight` in that of m alone. Every m of a
     record of 10^5 samples would take minutes.
     """
-    if stride != 1.0 or m <= _SUMMED_ALONE or terms < _FEW_TERMS:
-        return summed(m, terms)
-    place = np.floor(_GRID * np.log2(m))
-    low, high = (float(np.round(2.0 ** ((place + k) / _GRID))) for k in (0, 1))
-    if m in (low, high):
-        return summed(m, terms)
-    first, last = (summed(at, terms * at / m) for at in (low, high))
-    share = np.log(m / low) / np.log(high / low)
-    if straight:
-        return float((1.0 - share) * first + share * last)
-    return float(first ** (1.0 - share) * last**share)
+    near = m.astype(np.float64)
+    far = np.flatnonzero((stride == 1) & (m > _SUMMED_ALONE) & (terms >= _FEW_TERMS))
+    place = np.floor(_GRID * np.log2(m[far]))
+    low, high = (np.round(2.0 ** ((place + k) / _GRID)) for k in (0, 1))
+    between = (m[far] != low) & (m[far] != high)
+    far, low, high = far[between], low[between], high[between]
+    near[far] = low
+    found = summed(*laws, near, stride, terms * near / m)
+    if far.size:
+        of_far = (law[far] for law in laws)
+        first, last = found[far], summed(*of_far, high, stride[far], terms[far] * high / m[far])
+        share = np.log(m[far] / low) / np.log(high / low)
+        line = (1.0 - share) * first + share * last
+        found[far] = line if straight else first ** (1.0 - share) * last**share
+    return found
 
 
 def calibrated_edf(
@@ -358,9 +377,9 @@ def calibrated_edf(
     edf = np.array(theory, np.float64)
     tables = _calibration()["edf"].get(kind, {})
     for name in tables:
-        for i in np.argwhere((alpha == alpha_named(name)) & (m > 1)):
-            index = tuple(i)
-            edf[index] = _interpolated(kind, name, float(m[index]), float(n[index]), edf[index])
+        at = (alpha == alpha_named(name)) & (m > 1)
+        if at.any():
+            edf[at] = _interpolated(kind, name, m[at], n[at], edf[at])
     return edf
 
 
@@ -385,11 +404,9 @@ def calibrated_scale(kind: str, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) ->
     alpha, m, n = np.broadcast_arrays(alpha, m, n)
     scale = np.ones(m.shape)
     for name, table in _calibration()["scale"].get(kind, {}).items():
-        for i in np.argwhere((alpha == alpha_named(name)) & (m > 1)):
-            index = tuple(i)
-            length, windows = float(n[index]), float(n[index] / m[index])
-            if windows <= table["windows"][-1]:
-                scale[index] = 2.0 ** _between("scale", kind, name, windows, length)[0]
+        at = (alpha == alpha_named(name)) & (m > 1) & (n / m <= table["windows"][-1])
+        if at.any():
+            scale[at] = 2.0 ** _between("scale", kind, name, n[at] / m[at], n[at])[0]
     return scale
 
 
@@ -400,50 +417,42 @@ def _calibration() -> dict[str, dict[str, dict[str, dict[str, list[Any]]]]]:
 
 
 @lru_cache(maxsize=256)
-def _logarithms(
-    column: str, kind: str, name: str
-) -> tuple[list[float], list[float], list[list[float]]]:
+def _logarithms(column: str, kind: str, name: str) -> tuple[Floats, Floats, list[Floats]]:
     """Return the binary logarithms of windows, of lengths, and of a table at each length."""
     table = _calibration()[column][kind][name]
-    rows = [np.log2(row).tolist() for row in table[column]]
-    return np.log2(table["windows"]).tolist(), np.log2(table["samples"]).tolist(), rows
+    rows = [np.log2(row) for row in table[column]]
+    return np.log2(table["windows"]), np.log2(table["samples"]), rows
 
 
 def _between(
-    column: str, kind: str, name: str, windows: float, length: float
-) -> tuple[float, list[float]]:
-    """Return the binary logarithm of a table there, and at each length of its runs."""
+    column: str, kind: str, name: str, windows: Floats, length: Ints
+) -> tuple[Floats, Floats]:
+    """Return the binary logarithm of a table there, shape (k,), and at each length of its runs."""
     known, lengths, rows = _logarithms(column, kind, name)
-    at = float(np.log2(windows))
-    at_each = [_on_line(at, known, row) for row in rows]
-    return _on_line(float(np.log2(length)), lengths, at_each), at_each
+    at = np.log2(windows)
+    at_each = np.stack([np.interp(at, known[: len(row)], row) for row in rows])
+    place = np.interp(np.log2(length), lengths, np.arange(len(rows)))
+    below = np.minimum(place.astype(np.int64), max(len(rows) - 2, 0))
+    above = np.minimum(below + 1, len(rows) - 1)
+    share, cell = place - below, np.arange(at.size)
+    return (1.0 - share) * at_each[below, cell] + share * at_each[above, cell], at_each
 
 
-def _on_line(at: float, known: list[float], row: list[float]) -> float:
-    """Return what `numpy.interp` does, which takes three times as long for one number."""
-    last = len(row) - 1
-    if at >= known[last]:
-        return row[last]
-    if at <= known[0]:
-        return row[0]
-    k = bisect_right(known, at, 0, last + 1) - 1
-    return (row[k + 1] - row[k]) / (known[k + 1] - known[k]) * (at - known[k]) + row[k]
-
-
-def _interpolated(kind: str, name: str, m: float, n: float, theory: float) -> float:
-    """Return the degrees of freedom of one cell."""
+def _interpolated(kind: str, name: str, m: Ints, n: Ints, theory: Floats) -> Floats:
+    """Return the degrees of freedom of some cells."""
     table, (_, lengths, _) = _calibration()["edf"][kind][name], _logarithms("edf", kind, name)
     found, columns = _between("edf", kind, name, n / m, n)
-    length = float(np.log2(n))
-    if length > lengths[-1] and alpha_named(name) > 0:
+    length = np.log2(n)
+    if alpha_named(name) > 0:
         slope = (columns[-1] - columns[0]) / (lengths[-1] - lengths[0])
-        found = columns[-1] + max(slope, 0.0) * (length - lengths[-1])
+        further = columns[-1] + np.maximum(slope, 0.0) * (length - lengths[-1])
+        found = np.where(length > lengths[-1], further, found)
     # With more windows than runs of this length were simulated with, theory goes on, but not below
     # what is known.
-    row = table["edf"][max(int(np.searchsorted(lengths, length, side="right")) - 1, 0)]
-    beyond = n / m > table["windows"][len(row) - 1]
-    edf = float(2.0**found)
-    return max(theory, edf) if beyond else edf
+    most = np.array([table["windows"][len(row) - 1] for row in table["edf"]])
+    row = np.maximum(np.searchsorted(lengths, length, side="right") - 1, 0)
+    edf = 2.0**found
+    return np.where(n / m > most[row], np.maximum(theory, edf), edf)
 
 
 def small_factor_loss(alpha: ArrayLike, m: ArrayLike, n: ArrayLike, order: int) -> Floats:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -319,30 +319,21 @@ def _likeness(
     step = np.where(step >= m, near, np.minimum(step, near))
     alike = np.ones((*share.shape, len(alphas)))
     long = n >= _FEWEST_LONG
-
-    def overlap(one: int, other: int, at: NDArray[np.bool_]) -> NDArray[np.float64]:
-        return difference_overlap(one, other, near[at], n[at], step[at], order, modified=modified)
-
-    @cache
-    def alone(alpha: int) -> NDArray[np.float64]:
-        of_each = np.ones(m.size)
-        of_each[long] = overlap(alpha, alpha, long)
-        return of_each
-
-    for i, one in enumerate(alphas):
-        for j, other in enumerate(alphas[:i]):
-            counts = share[..., i] * share[..., j] > _SMALL_SHARES
-            at = counts.reshape(-1, m.size).any(axis=0)
-            at &= long
-            if not at.any():
-                continue
-            together = overlap(one, other, at) / np.sqrt(alone(one)[at] * alone(other)[at])
-            if max(one, other) > 0:
-                ratio = edf[at, i] / edf[at, j]
-                together = np.maximum(together, np.minimum(ratio, 1.0 / ratio) ** 0.25)
-            every = np.ones(m.size)
-            every[at] = together
-            alike[..., i, j] = alike[..., j, i] = np.where(counts, every, 1.0)
+    one, other = np.tril_indices(len(alphas))
+    law = np.array(alphas)[:, np.newaxis]
+    pairs = difference_overlap(
+        law[one], law[other], near[long], n[long], step[long], order, modified=modified
+    )
+    alone = pairs[one == other]
+    for i, j, both in zip(one.tolist(), other.tolist(), pairs, strict=True):
+        if i == j:
+            continue
+        together = both / np.sqrt(alone[i] * alone[j])
+        if max(alphas[i], alphas[j]) > 0:
+            ratio = edf[long, i] / edf[long, j]
+            together = np.maximum(together, np.minimum(ratio, 1.0 / ratio) ** 0.25)
+        counts = share[..., long, i] * share[..., long, j] > _SMALL_SHARES
+        alike[..., long, i, j] = alike[..., long, j, i] = np.where(counts, together, 1.0)
     return alike
 
 
@@ -465,10 +456,10 @@ class AverageEstimator(Estimator):
         spans = n / m
         stationary = difference_edf(np.maximum(alpha, 0), m, n, stride, order=1)
         edf = np.array(stationary * (1.0 - 1.0 / np.maximum(spans, 1.0)))
-        for i in np.argwhere((alpha < 0) & (spans >= 2)):
-            index = tuple(i)
-            quarters = round(4.0 * float(np.log2(spans[index])))
-            edf[index] = _wandering_edf(int(alpha[index]), quarters)
+        slow = (alpha < 0) & (spans >= 2)
+        quarters = np.round(4.0 * np.log2(spans[slow])).astype(np.int64)
+        asked = zip(alpha[slow].tolist(), quarters.tolist(), strict=True)
+        edf[slow] = [_wandering_edf(*one) for one in asked]
         return edf
 
     def of_mixture(
@@ -480,9 +471,8 @@ class AverageEstimator(Estimator):
         unequal size, and 95 % limits hold with a quarter more than its degrees of freedom.
         """
         whole = int(np.max(n))
-        steps = np.broadcast_to(np.asarray(stride, np.int64), m.shape).tolist()
-        units = [_unit_spread(k, whole, step) for k, step in zip(m.tolist(), steps, strict=True)]
-        share = noise.shares_of(np.stack(units), m.size)
+        steps = np.broadcast_to(np.asarray(stride, np.int64), m.shape)
+        share = noise.shares_of(_unit_spread(m, whole, steps), m.size)
         edf = np.ones((*share.shape[:-1], len(ALPHAS)))
         alphas = [max(alpha, self.lowest_alpha) for alpha in ALPHAS]
         for i, alpha in enumerate(ALPHAS):
@@ -509,23 +499,23 @@ class AverageEstimator(Estimator):
         return 1 if self.overlap else m
 
 
-def _unit_spread(m: int, n: int, stride: int) -> NDArray[np.float64]:
-    """Return the expected standard variance of white PM to random walk FM of unit level.
+def _unit_spread(m: NDArray[np.int64], n: int, stride: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the expected standard variance of white PM to random walk FM of unit level, (k, 5).
 
     The mean over all pairs of means, the squared difference of two that lie d samples apart being
-    a second difference of the phase.
+    a second difference of the phase; of many pairs over some positions.
     """
-    count = max((n - m) // stride + 1, 2)
-    index = np.unique(np.linspace(1, count - 1, min(count - 1, _MOST_POSITIONS)).round())
-    apart = index * stride
-    near = np.array([0.0, float(m)])
-    phase = lagged_phase(np.concatenate([near, apart, np.abs(apart - m), apart + m]))
-    still, away = phase[:, :1], phase[:, 1:2]
-    here, before, after = np.split(phase[:, 2:], 3, axis=1)
-    squares = 2.0 * (2.0 * still - 2.0 * away - 2.0 * here + before + after)
-    weight = count - index
-    spread: NDArray[np.float64] = (squares @ (weight / weight.sum())) / (2.0 * float(m) ** 2)
-    return spread
+    count = np.maximum((n - m) // stride + 1, 2)
+    spread = np.linspace(1, count - 1, _MOST_POSITIONS, axis=-1).round()
+    every = np.arange(1.0, _MOST_POSITIONS + 1)
+    index = np.where(count[:, np.newaxis] > _MOST_POSITIONS, spread, every)
+    weight = np.maximum(count[:, np.newaxis] - index, 0.0)
+    span, apart = m[:, np.newaxis], index * stride[:, np.newaxis]
+    still, away = lagged_phase(np.zeros(1)), lagged_phase(m.astype(np.float64))
+    here, before, after = map(lagged_phase, (apart, np.abs(apart - span), apart + span))
+    squares = 2.0 * (2.0 * (still - away)[..., np.newaxis] - 2.0 * here + before + after)
+    mean = (squares * (weight / weight.sum(axis=-1, keepdims=True))).sum(axis=-1)
+    return np.asarray((mean / (2.0 * m.astype(np.float64) ** 2)).T)
 
 
 @lru_cache(maxsize=1024)

@@ -6,8 +6,15 @@ enum { WINDOWS = 4 };
 
 /* Sum of (x[i] - 2 x[i+m] + x[i+2m])^2, i = 0, stride, ... */
 KERNEL(double, squares_of_second)(const double *x, int64_t n, int64_t m, int64_t stride) {
-    double total = 0.0;
-    for (int64_t i = 0; i < n - 2 * m; i += stride) {
+    lanes in_lanes = {0.0};
+    int64_t i = 0;
+    for (; stride == 1 && i + LANES <= n - 2 * m; i += LANES) {
+        lanes middle = *(const lanes *)(x + i + m);
+        lanes term = (*(const lanes *)(x + i) - middle) + (*(const lanes *)(x + i + 2 * m) - middle);
+        in_lanes += term * term;
+    }
+    double total = sum_of(in_lanes);
+    for (; i < n - 2 * m; i += stride) {
         double difference = (x[i] - x[i + m]) + (x[i + 2 * m] - x[i + m]);
         total += difference * difference;
     }
@@ -16,8 +23,15 @@ KERNEL(double, squares_of_second)(const double *x, int64_t n, int64_t m, int64_t
 
 /* Sum of (x[i] - 3 x[i+m] + 3 x[i+2m] - x[i+3m])^2. */
 KERNEL(double, squares_of_third)(const double *x, int64_t n, int64_t m, int64_t stride) {
-    double total = 0.0;
-    for (int64_t i = 0; i < n - 3 * m; i += stride) {
+    lanes in_lanes = {0.0};
+    int64_t i = 0;
+    for (; stride == 1 && i + LANES <= n - 3 * m; i += LANES) {
+        lanes inner = *(const lanes *)(x + i + 2 * m) - *(const lanes *)(x + i + m);
+        lanes term = (*(const lanes *)(x + i) - *(const lanes *)(x + i + 3 * m)) + 3.0 * inner;
+        in_lanes += term * term;
+    }
+    double total = sum_of(in_lanes);
+    for (; i < n - 3 * m; i += stride) {
         double difference = (x[i] - x[i + 3 * m]) + 3.0 * (x[i + 2 * m] - x[i + m]);
         total += difference * difference;
     }

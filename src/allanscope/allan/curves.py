@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from allanscope.allan.estimators.mtotdev import mtot_variance
 from allanscope.allan.estimators.theo1 import theo1_profile, thinned_variance_of, variance_of
 from allanscope.allan.estimators.theobr import theobr_ratio
 from allanscope.allan.kernels import COLUMNS
-from allanscope.allan.long_taus import KINDS, with_rows
+from allanscope.allan.long_taus import KINDS, Segment, running_sums, with_rows
 from allanscope.allan.noise_type import (
     NoiseTypes,
     identify,
@@ -79,6 +80,10 @@ class Curves:
         self._known: dict[str, Sums] = {}
         self._noise: NoiseTypes | None = None
         self._profiles: dict[tuple[int, int, int], Floats] = {}
+
+    @cached_property
+    def _running(self) -> list[list[Segment]]:
+        return [running_sums(self._archive, axis) for axis in range(self._archive.axes)]
 
     def sums(self, kind: str) -> Sums:
         """Return the variances of an estimator, of shape (axes, k), in (unit of the samples)^2.
@@ -129,7 +134,9 @@ class Curves:
         estimator = estimator_named(kind)
         if kind in COLUMNS:
             sums = self._cascade.variances(kind)
-            return with_rows(kind, sums, self._archive) if kind in KINDS else sums
+            if kind not in KINDS:
+                return sums
+            return with_rows(kind, sums, self._archive, lambda: self._running)
         if estimator.derived_from:
             parent = self.sums(estimator.derived_from)
             return replace(parent, variance=parent.variance * estimator.factor(parent.m))

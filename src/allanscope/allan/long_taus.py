@@ -17,6 +17,7 @@ exact for white noise but for a part that is uncorrelated with both, (s/m)^2 of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ from allanscope.allan.archive import Archive
 from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.estimators.base import mean_square_third
 
-__all__ = ["KINDS", "with_rows"]
+__all__ = ["KINDS", "running_sums", "with_rows"]
 
 Floats = NDArray[np.float64]
 Segment = tuple[Floats, Floats, Floats]
@@ -37,7 +38,9 @@ KINDS = ("ostdev", "oadev", "ohdev", "mdev", "pdev", "totdev")
 several segments, which alone compares them: their rows count from anchors of their own."""
 
 
-def with_rows(kind: str, sums: Sums, archive: Archive) -> Sums:
+def with_rows(
+    kind: str, sums: Sums, archive: Archive, running: Callable[[], list[list[Segment]]]
+) -> Sums:
     """Return the sums of a cascade, those taken from the archive whose terms are closer there.
 
     Parameters
@@ -48,6 +51,8 @@ def with_rows(kind: str, sums: Sums, archive: Archive) -> Sums:
         As from `Cascade.variances`, of the same samples. Which taus there are is left to it.
     archive : Archive
         Its stride is a power of two, as are those of the cascade.
+    running : callable
+        Returns the `running_sums` of each axis, which all kinds share.
     """
     estimator = estimator_named(kind)
     enough = sums.terms.min(axis=0, initial=np.iinfo(np.int64).max) >= estimator.min_terms
@@ -58,8 +63,7 @@ def with_rows(kind: str, sums: Sums, archive: Archive) -> Sums:
     variance, terms = sums.variance.copy(), sums.terms.copy()
     stride, segments, covered = sums.stride.copy(), sums.segments.copy(), sums.covered.copy()
     rows = sums.m[fine] // archive.stride
-    for axis in range(archive.axes):
-        phases = _segments(archive, axis)
+    for axis, phases in enumerate(running()):
         for t, k in zip(fine.tolist(), rows.tolist(), strict=True):
             variance[axis, t], *counts = _pooled(kind, phases, k, archive.stride)
             terms[axis, t], segments[t], covered[t] = counts
@@ -69,8 +73,8 @@ def with_rows(kind: str, sums: Sums, archive: Archive) -> Sums:
     )
 
 
-def _segments(archive: Archive, axis: int) -> list[Segment]:
-    """Return the running sums of each segment, from samples less its mean.
+def running_sums(archive: Archive, axis: int) -> list[Segment]:
+    """Return the running sums of each segment of an axis, from samples less its mean.
 
     No term sees the mean, and without it the sums stay small.
     """

@@ -119,25 +119,27 @@ def common_of(
         return ()
     with ThreadPoolExecutor(threads) as pool:
         window = np.hanning(n)
-        white, power, quiet = zip(
-            *pool.map(lambda k: _whitened(values[:, k], window), moving), strict=True
+        white, power, quiet = map(
+            np.array,
+            zip(*pool.map(lambda k: _whitened(values[:, k], window), moving), strict=True),
         )
+    white, power, used = white * quiet, power * quiet, quiet.astype(np.float64)
     steps = max(1, int(_PER_OCTAVE * math.log2((n // 2) / _FIRST_BIN)))
     edges = np.unique(np.geomspace(_FIRST_BIN, n // 2, steps + 1).astype(int))
     bands = [(a, b) for a, b in pairwise(edges) if b - a >= _FEWEST_BINS]
     pairs = list(combinations(range(len(moving)), 2))
     found: list[CoherentBand] = []
     for low, high in bands:
+        # Of each pair of axes, over the bins that are lines of neither.
+        x, p, q = (one[:, low:high] for one in (white, power, used))
+        cross, own, bins = np.abs(x.conj() @ x.T) ** 2, p @ q.T, q @ q.T
         groups = {k: {k} for k in range(len(moving))}
         best, limit = 0.0, 0.0
         for i, j in pairs:
-            use = quiet[i][low:high] & quiet[j][low:high]
-            averages = use.sum() / _OF_THE_TAPER
+            averages = float(bins[i, j]) / _OF_THE_TAPER
             if averages < _FEWEST_BINS / 4:
                 continue
-            x, y = white[i][low:high][use], white[j][low:high][use]
-            both = float(power[i][low:high][use].sum() * power[j][low:high][use].sum())
-            coherence = float(np.abs(np.sum(x.conj() * y)) ** 2) / both
+            coherence = float(cross[i, j] / (own[i, j] * own[j, i]))
             least = 1 - (_FALSE / (len(pairs) * len(bands))) ** (1 / (averages - 1))
             limit = max(limit, least)
             if coherence > least:

@@ -134,15 +134,17 @@ def joined(events: Iterable[Event], rows: int) -> Iterator[Event]:
     ['Notice', 'Block']
     """
     held: list[Block] = []
+    held_rows = 0
     for event in events:
         if isinstance(event, Notice) and event.kind != "mark":
             yield event
             continue
-        if held and not (_is_like(event, held[0]) and sum(map(len, held)) < rows):
+        if held and not (_is_like(event, held[0]) and held_rows < rows):
             yield _one_block(held)
-            held = []
+            held, held_rows = [], 0
         if isinstance(event, Block):
             held.append(event)
+            held_rows += len(event)
         else:
             yield event
     if held:

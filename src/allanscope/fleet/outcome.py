@@ -71,7 +71,7 @@ def result_key(sha256: str, device: DeviceSettings) -> str:
 def compressed_result(result: dict[str, Any]) -> bytes:
     """Return a result as compressed JSON; the same result gives the same bytes."""
     text = json.dumps(result, allow_nan=False, separators=(",", ":"))
-    return gzip.compress(text.encode(), compresslevel=6, mtime=0)
+    return gzip.compress(text.encode(), compresslevel=4, mtime=0)
 
 
 def result_of_bytes(data: bytes) -> dict[str, Any]:

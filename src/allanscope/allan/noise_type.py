@@ -287,7 +287,7 @@ class NoiseTypes:
         -------
         ndarray, shape (k, 7) or (axes, k, 7)
         """
-        shares = self.shares_of(unit_variance(family, tau).T, tau.size)
+        shares = self.shares_of(_unit_at(family, tuple(tau.tolist())), tau.size)
         if family != "hvar" or self.steep is None:
             return shares
         powers = self.steep[..., np.newaxis, :] * unit_hadamard(tau).T
@@ -512,6 +512,11 @@ def unit_variance(family: Family, tau: ArrayLike) -> Floats:
         return allan
     ratio = np.stack([_modified_ratio(float(one)) for one in t.tolist()], axis=-1)
     return np.asarray(allan * ratio)
+
+
+@lru_cache(maxsize=64)  # estimators of one family, and records of any length, ask the same
+def _unit_at(family: Family, tau: tuple[float, ...]) -> Floats:
+    return unit_variance(family, tau).T
 
 
 def lagged_phase(j: Floats) -> Floats:

@@ -194,12 +194,14 @@ class Estimator(ABC):
         """
         name = self.calibrated_as or self.name
         shares = noise.shares(self.family, self.tau(m, int(np.max(n))))
-        scale = np.zeros(shares.shape[:-1])
-        for i, alpha in enumerate(ALPHAS):
-            if shares[..., i].any():
-                known = max(alpha, self.lowest_alpha)
-                scale = scale + shares[..., i] * calibrated_scale(name, known, m, n)
-        return scale
+        present, law = self._present(shares)
+        scale = calibrated_scale(name, law[:, np.newaxis], m, n).T
+        return np.asarray((shares[..., present] * scale).sum(axis=-1))
+
+    def _present(self, share: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return which noises have any share, shape (..., 7), and their power laws, each (j,)."""
+        present = np.flatnonzero(share.any(axis=tuple(range(share.ndim - 1))))
+        return present, np.maximum(np.array(ALPHAS)[present], self.lowest_alpha)
 
     def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return whether limits hold the truth at `tau` samples of a run of `n`, shape (k,).
@@ -256,13 +258,11 @@ class Estimator(ABC):
         """
         tau = self.tau(m, int(np.max(n)))
         shares = noise.shares(self.family, tau)
-        present = [i for i in range(len(ALPHAS)) if shares[..., i].any()]
-        known = [max(ALPHAS[i], self.lowest_alpha) for i in present]
-        share = shares[..., present]
-        edf = np.stack([np.maximum(self.edf(a, m, n, stride), 1.0) for a in known], axis=-1)
-        ratio = np.stack([self.expectation(a, m, n) for a in known], axis=-1)
-        left = np.stack([self.uncorrected_bias(a, m, n) for a in known], axis=-1)
-        weight = share * np.stack([self.passed(a, m, n) for a in known], axis=-1)
+        present, known = self._present(shares)
+        share, law = shares[..., present], known[:, np.newaxis]
+        edf = np.maximum(self.edf(law, m, n, stride), 1.0).T
+        ratio, left = self.expectation(law, m, n).T, self.uncorrected_bias(law, m, n).T
+        weight = share * self.passed(law, m, n).T
         raw = weight / weight.sum(axis=-1, keepdims=True)
         at = np.maximum(tau.round().astype(np.int64), 1)
         alike = _likeness(self.family, known, edf, raw, at, n, stride)
@@ -283,7 +283,7 @@ def _pooled(
 
 def _likeness(
     family: Family,
-    alphas: list[int],
+    alphas: NDArray[np.int64],
     edf: NDArray[np.float64],
     share: NDArray[np.float64],
     m: NDArray[np.int64],
@@ -303,7 +303,7 @@ def _likeness(
     ----------
     family : {'avar', 'mvar', 'hvar'}
         Variance.
-    alphas : list of int, length j
+    alphas : ndarray of int64, shape (j,)
         Power laws.
     edf : ndarray, shape (k, j)
         Degrees of freedom of each.
@@ -320,7 +320,7 @@ def _likeness(
     alike = np.ones((*share.shape, len(alphas)))
     long = n >= _FEWEST_LONG
     one, other = np.tril_indices(len(alphas))
-    law = np.array(alphas)[:, np.newaxis]
+    law = alphas[:, np.newaxis]
     pairs = difference_overlap(
         law[one], law[other], near[long], n[long], step[long], order, modified=modified
     )
@@ -473,14 +473,11 @@ class AverageEstimator(Estimator):
         whole = int(np.max(n))
         steps = np.broadcast_to(np.asarray(stride, np.int64), m.shape)
         share = noise.shares_of(_unit_spread(m, whole, steps), m.size)
-        edf = np.ones((*share.shape[:-1], len(ALPHAS)))
-        alphas = [max(alpha, self.lowest_alpha) for alpha in ALPHAS]
-        for i, alpha in enumerate(ALPHAS):
-            if share[..., i].any():
-                unequal = _UNEQUAL if alpha < 0 else 1.0
-                edf[..., i] = unequal * np.maximum(self.edf(alphas[i], m, n, stride), 1.0)
-        each = edf.reshape(-1, *edf.shape[-2:])[0]  # the same on every axis
-        pooled = _pooled(edf, share, _likeness(self.family, alphas, each, share, m, n, stride))
+        present, known = self._present(share)
+        share, law = share[..., present], known[:, np.newaxis]
+        unequal = np.where(law < 0, _UNEQUAL, 1.0)
+        edf = (unequal * np.maximum(self.edf(law, m, n, stride), 1.0)).T
+        pooled = _pooled(edf, share, _likeness(self.family, known, edf, share, m, n, stride))
         return pooled, np.ones(pooled.shape), np.ones(pooled.shape)
 
     def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:

@@ -330,6 +330,19 @@ def _from_floor(curve: Deviation, unit: str) -> Reading | None:
     return Reading(best.deviation / _FLOOR, low, best.upper / _FLOOR, unit, tau_s=best.tau)
 
 
+def _slopes_to_the_end(x: Array, y: Array, weight: Array) -> Array:
+    """Return the slope of the line through each point and all after it; of the last one, NaN."""
+
+    def rest(values: Array) -> Array:
+        return np.asarray(np.cumsum(values[::-1])[::-1])
+
+    x, y, total = x - x[-1:], y - y[-1:], rest(weight)
+    centre = rest(weight * x) / total
+    spread = rest(weight * x**2) - total * centre**2
+    both = rest(weight * x * y) - rest(weight * y) * centre
+    return np.divide(both, spread, out=np.full_like(x, np.nan), where=spread > 0)
+
+
 def _from_rise(curve: Deviation, unit: str) -> Reading | None:
     """Read K in the middle of the longest range that ends the curve and rises as the root of tau.
 
@@ -338,13 +351,12 @@ def _from_rise(curve: Deviation, unit: str) -> Reading | None:
     """
     usable = np.flatnonzero(curve.trusted & np.isfinite(curve.deviation) & (curve.deviation > 0))
     tau, edf = curve.tau[usable], np.maximum(curve.edf[usable], 1.0)
-    sigma = np.log(curve.deviation[usable])
-    for first in range(len(usable)):
-        x = np.log(tau[first:])
+    log_tau = np.log(tau)
+    slopes = _slopes_to_the_end(log_tau, np.log(curve.deviation[usable]), edf)
+    for first, slope in enumerate(slopes.tolist()):
+        x = log_tau[first:]
         if x[-1] - x[0] < _LONG_ENOUGH:
             return None
-        weight = np.sqrt(edf[first:])
-        slope = float(np.polyfit(x, sigma[first:], 1, w=weight)[0])
         # The deviations are correlated, which makes the slope better known than this.
         error = math.sqrt(0.5 / edf[first] + 0.5 / edf[-1]) / (x[-1] - x[0])
         if _SLOPE[0] < slope < _SLOPE[1] and slope > _SURE * error:

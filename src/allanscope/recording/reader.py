@@ -176,7 +176,10 @@ class Recording:
                     if sequence != expected and expected and sequence:
                         yield from gathered.drain()
                         gathered = _ReadBatch("hole", host_ns)
-                    elif gathered.length + stop - start > size or gathered.reads >= MOST_MESSAGES:
+                    elif (
+                        gathered.length + stop - start > size
+                        or len(gathered.times) >= MOST_MESSAGES  # they cost memory without bytes
+                    ):
                         yield from gathered.drain()
                         gathered = _ReadBatch()
                     expected = sequence + 1 & 0xFFFFFFFF
@@ -260,27 +263,22 @@ class _ReadBatch:
         self._event: LinkEvent = event
         self._event_ns = event_ns
         self._text = text
+        self.times: list[int] = []
         self._parts: list[bytes] = []
-        self._times: list[int] = []
-
-    @property
-    def reads(self) -> int:
-        """How many: they cost memory, even those without bytes."""
-        return len(self._times)
 
     def add(self, data: bytes, host_ns: int) -> None:
         self._parts.append(data)
-        self._times.append(host_ns)
+        self.times.append(host_ns)
         self.length += len(data)
 
     def drain(self) -> Iterator[Buffer]:
         """Yield the Buffer, if it holds anything."""
         if self._parts or self._event:
-            lengths = np.fromiter(map(len, self._parts), np.int64, self.reads)
+            lengths = np.fromiter(map(len, self._parts), np.int64, len(self._parts))
             yield Buffer(
                 b"".join(self._parts),
                 np.cumsum(lengths) - lengths,
-                np.array(self._times, np.int64),
+                np.array(self.times, np.int64),
                 self._event,
                 self._event_ns,
                 self._text,

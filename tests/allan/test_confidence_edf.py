@@ -437,3 +437,13 @@ def test_a_pair_of_one_noise_is_that_noise():
             alone = difference_edf(-1, m, 10_000, stride, order)
             pair = difference_overlap(-1, -1, m, 10_000, stride, order)
             assert float(pair * alone) == pytest.approx(1.0, rel=2e-3)
+
+
+def test_noises_and_averaging_times_broadcast():
+    m, alpha = np.array([1, 16, 700, 3000]), np.array([[2], [0], [-2]])
+    table = difference_edf(alpha, m, 20_000, 1, order=2)
+    pairs = difference_overlap(alpha, -1, m, 20_000, 1, order=2)
+    for i, law in enumerate(alpha.ravel().tolist()):
+        for j, factor in enumerate(m.tolist()):
+            assert table[i, j] == difference_edf(law, factor, 20_000, 1, order=2)
+            assert pairs[i, j] == difference_overlap(-1, law, factor, 20_000, 1, order=2)

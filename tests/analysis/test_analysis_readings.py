@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.allan import AllanBank
-from allanscope.analysis.readings import density_of, flat_band, read_axis
+from allanscope.analysis.readings import _slopes_to_the_end, density_of, flat_band, read_axis
 from allanscope.noise import NoiseModel, fit_noise
 from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.spectrum import SpectrumBank
@@ -125,3 +125,14 @@ def test_where_single_rows_are_missing_the_bridged_rows_are_read():
     found = read_axis(density_of(fit_noise(record, "gx").evidence), None, "dps")["N"]
     assert found.lower < 0.04 / np.sqrt(100.0) < found.upper
     assert found.value == pytest.approx(0.004, rel=0.02)
+
+
+def test_slopes_are_those_of_weighted_lines():
+    rng = np.random.default_rng(3)
+    x, weight = np.log(0.3 * np.arange(1.0, 40.0)), rng.uniform(1.0, 1e4, 39)
+    y = 0.5 * x + rng.normal(0.0, 0.1, 39)
+    slopes = _slopes_to_the_end(x, y, weight)
+    for first in range(37):
+        line = np.polyfit(x[first:], y[first:], 1, w=np.sqrt(weight[first:]))
+        assert slopes[first] == pytest.approx(line[0], rel=1e-10)
+    assert np.isnan(slopes[-1])

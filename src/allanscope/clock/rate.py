@@ -260,7 +260,9 @@ def _line(
             return None
         slope = float(xc[kept] @ yc[kept]) / sxx
         residual = yc - slope * xc
-        kept = _inliers(residual)
+        before, kept = kept, _inliers(residual)
+        if np.array_equal(kept, before):
+            break  # all further rounds would be this one
     return slope, residual, kept
 
 

@@ -81,12 +81,6 @@ class Carrier:
         return self.record.axes[0]
 
 
-def _is_seen(codes: Array, last: float) -> bool:
-    """Return whether a cut at this code collects five deviations of what it holds anyway."""
-    beyond, within = np.sum(codes > last), np.sum(codes == last)
-    return bool(beyond >= max(20.0, 5 * np.sqrt(within)))
-
-
 class Injector(Maker):
     """Puts one effect into a carrier; one method a kind."""
 
@@ -286,28 +280,41 @@ class Injector(Maker):
         return {"cutoff": cutoff}, None, passed
 
     def repeated_samples(self, times, _noise, _others):
-        """Repeat rows of the whole sensor, as a logger that is too fast does."""
-        fraction = 2e-3 * times
+        """Repeat rows of the whole sensor, as a logger that is too fast does.
+
+        At the limit there are so many that a count of equal rows tells them, by as many nats as
+        5.5 deviations, from those that are equal by chance.
+        """
+        values = self.carrier.record.values
+        codes = np.round(values / [lsb or 1e-12 for lsb in self.carrier.record.lsb])
+        usual = max(1, np.count_nonzero(np.all(np.diff(codes, axis=0) == 0, axis=1)))
+        least = next(
+            k for k in range(1, self.n) if (usual + k) * np.log1p(k / usual) - k > 5.5**2 / 2
+        )
+        fraction = times * least / self.n
         repeats = self.rng.random(self.n) < fraction
         repeats[0] = False
         rows = np.maximum.accumulate(np.where(repeats, 0, np.arange(self.n)))
-        return {"fraction": fraction}, None, lambda _rng, _own: self.carrier.record.values[rows]
+        return {"fraction": fraction}, None, lambda _rng, _own: values[rows]
 
     def saturation(self, times, _noise, _others):
-        """Cut one end: at the limit what lies beyond it is five deviations of the last code."""
+        """Cut one end: at the limit what lies beyond it is five deviations of the last code.
+
+        There are as many sizes as codes: the least is taken that is no smaller.
+        """
         side = int(self.rng.choice([-1, 1]))
-        own = side * self.carrier.record.values[:, 0]
-        codes = np.round(own / (self.carrier.record.lsb[0] or 1e-12))
-        share = times * next(
-            share
-            for share in np.geomspace(20 / len(own), 1.0)
-            if _is_seen(codes, float(np.quantile(codes, 1 - share))) or share > 0.5
+        lsb = self.carrier.record.lsb[0] or 1e-12
+        codes, counts = np.unique(
+            np.round(side * self.carrier.record.values[:, 0] / lsb), return_counts=True
         )
-        if share > 0.5:
+        beyond = self.n - np.cumsum(counts)
+        seen = np.flatnonzero(beyond >= times * np.maximum(20.0, 5 * np.sqrt(counts)))
+        if not len(seen) or beyond[seen[-1]] > self.n / 2:
             return None
+        share, last = beyond[seen[-1]] / self.n, codes[seen[-1]] * lsb
 
         def cut(_rng: np.random.Generator, own: Array) -> Array:
-            return side * np.minimum(side * own, np.quantile(side * own, 1 - share))
+            return side * np.minimum(side * own, last)
 
         return {"fraction": share}, None, cut
 

@@ -117,7 +117,15 @@ def _with_heavy_tails(rng, n):
     return rng.laplace(size=n)
 
 
-SHAPES = (_white, _louder_in_a_tenth, _on_a_line, _between_two_levels, _with_heavy_tails)
+def _without_its_top(rng, n):
+    noise = rng.normal(size=2 * n)
+    return noise[noise < 1.2][:n]
+
+
+SHAPES = (
+    *(_white, _louder_in_a_tenth, _on_a_line, _between_two_levels, _with_heavy_tails),
+    _without_its_top,
+)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -139,6 +147,17 @@ def test_a_limit_in_the_tail_is_found_though_the_code_beside_it_holds_more(steps
     (crowded,) = crowded_codes(samples, 1.0)
     assert (crowded.value, crowded.side) == (side * limit, side)
     assert last < 1.2 * beside or steps > 3
+
+
+@pytest.mark.parametrize(("steps", "share"), [(1.6, 0.08), (2.3, 0.03), (2.5, 0.01), (3.5, 0.006)])
+def test_a_limit_is_found_at_which_a_tail_has_not_begun_to_rise(steps, share):
+    """The last code holds less than those beside it; they tell how little it held."""
+    rng = np.random.default_rng(516)
+    for _ in range(5):
+        noise = steps * rng.normal(size=30_000) + rng.uniform(0, 1)
+        limit = np.round(np.quantile(noise, 1 - share))
+        (crowded,) = crowded_codes(np.minimum(np.round(noise), limit), 1.0)
+        assert (crowded.value, crowded.side) == (limit, 1)
 
 
 @pytest.mark.parametrize("digits", [3, 6])

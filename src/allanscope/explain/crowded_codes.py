@@ -28,9 +28,12 @@ _FEWEST_ARRIVALS = 20
 """Arrivals that make a code crowded."""
 _MORE, _SIGMAS = 1.2, 5.0
 """Ratio and deviations by which a crowded code at an end exceeds the value beside it."""
-_SPREADS, _BENDS = 1.5, 1.6
+_SPREADS, _BENDS = 1.2, 1.3
 """Noise in steps from which a lacking tail is told, and how much more than that of Gaussian noise
-its log-density may bend: its standard deviation is known to a fifth."""
+its log-density may bend: its standard deviation is known to a seventh."""
+_FALLING, _UNEVEN = 0.95, 0.05
+"""Ratio of the two codes beside the end below which a tail falls there (that of a uniform
+distribution does not), and scatter of the widths of codes."""
 _COLLECTS = 1.15
 """Ratio of the last code to what a tail lets expect of it, beyond which it collects."""
 _TWICE, _ALPHA, _MATTERS = 2.0, 1e-4, 0.01
@@ -186,21 +189,40 @@ def _lacks_its_tail(
         return False
     end, *beside = arrivals[last][:6].tolist()
     counts = np.array(beside, float)
-    usual = counts[0] ** 2 / counts[1]
-    error = np.sqrt(usual + usual**2 * (4 / counts[0] + 1 / counts[1]))
-    if end < max(_COLLECTS * usual, usual + 2 * error):
+    usual, error = _at_the_end(counts)
+    falls = counts[0] < _FALLING * counts[1]
+    if not falls or end < max(_COLLECTS * usual, usual + 2 * error):
         return False
     # A fast line spreads more than noise does: the log-density of the codes bends visibly then.
     bends = -np.diff(np.log(counts), 2)
     errors = np.sqrt(np.convolve(1 / counts, [1, 4, 1], "valid"))
     bend = max(_BENDS / spread**2, *(bends - errors / 2))
     slopes = [
-        (np.log(counts[0] / counts[m]) - 3 * np.sqrt(1 / counts[0] + 1 / counts[m])) / m
+        (np.log(counts[0] / counts[m]) - 2 * np.sqrt(1 / counts[0] + 1 / counts[m])) / m
         - bend * (m - 1) / 2
         for m in range(1, len(counts))
     ]
     beyond = counts[0] * np.exp(2 * max(slopes) - 3 * bend)
     return bool(beyond >= _FEWEST_ARRIVALS)
+
+
+def _at_the_end(counts: Array) -> tuple[float, float]:
+    """Return what codes inwards of the last one let expect there, and its standard error.
+
+    A parabola through their log-frequencies, and no more than a straight line through the nearest
+    two: the tail of a hump bends down.
+    """
+    straight = counts[0] ** 2 / counts[1]
+    relative = float(4 / counts[0] + 1 / counts[1])
+    if len(counts) > 3:
+        weight = 1 / np.sqrt(1 / counts + _UNEVEN**2)
+        design = np.vander(np.arange(1.0, len(counts) + 1), 3, increasing=True)
+        design *= weight[:, np.newaxis]
+        variance = np.linalg.inv(design.T @ design)
+        level = float(np.exp(variance[0] @ design.T @ (weight * np.log(counts))))
+        if level < straight:
+            straight, relative = level, float(variance[0, 0])
+    return straight, float(np.sqrt(straight + straight**2 * relative))
 
 
 def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:

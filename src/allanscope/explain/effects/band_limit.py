@@ -200,7 +200,7 @@ def low_pass_instead(view: View, process: Candidate) -> Candidate | None:
     left = view.spectrum_with(*process.parts).model.value("N")
     found = _best(view, _starts(view), floor=False)
     white = view.spectrum_with(*found.parts).model.value("N")
-    if found.gain <= process.gain - _AS_WELL or left >= _LITTLE * white:
+    if found.gain <= process.gain - max(_AS_WELL, _FAINT * process.gain) or left >= _LITTLE * white:
         return None
     low_pass = found.effect.adequate(view, found)
     if low_pass is None:

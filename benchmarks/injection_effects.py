@@ -287,7 +287,8 @@ class Injector(Maker):
         """
         values = self.carrier.record.values
         codes = np.round(values / [lsb or 1e-12 for lsb in self.carrier.record.lsb])
-        usual = max(1, np.count_nonzero(np.all(np.diff(codes, axis=0) == 0, axis=1)))
+        chance = np.mean([np.all(codes[k:] == codes[:-k], axis=1).mean() for k in range(1, 25)])
+        usual = max(1.0, self.n * float(chance))
         least = next(
             k for k in range(1, self.n) if (usual + k) * np.log1p(k / usual) - k > 5.5**2 / 2
         )

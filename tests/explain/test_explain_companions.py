@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.fft import idct
+from scipy.signal import lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.effects.shock import _tail
@@ -47,6 +48,26 @@ def test_power_law_noise_to_the_top_of_the_band_has_no_low_pass(bench):
     ordinates = np.random.default_rng(4).normal(size=n - 1) * np.sqrt(SIGMA**2 * 30 * f**-0.5)
     noise = idct(np.concatenate([[0.0], ordinates]), norm="ortho")
     assert kinds(explain(b.record(b.noise() + noise)).axes["gx"]) == ["power_law"]
+
+
+@pytest.mark.parametrize("seed", [609, 610])
+def test_power_law_noise_that_is_cut_off_at_nyquist_has_no_low_pass_below_it(bench, seed):
+    b = bench(seed, 600.0)
+    n = len(b.t)
+    f = np.arange(1, n) * RATE / (2 * n)
+    noise = idct(np.concatenate([[0.0], b.rng.normal(size=n - 1) * f**-0.25]), norm="ortho")
+    axis = explain(b.record(0.3 * b.noise() + 2 * SIGMA * noise / noise.std())).axes["gx"]
+    assert kinds(axis) == ["power_law"]
+
+
+@pytest.mark.parametrize("seed", [620, 621])
+def test_a_low_pass_with_a_hundredth_of_its_noise_behind_it_is_one(bench, seed):
+    b = bench(seed, 540.0)
+    keep = np.exp(-2 * np.pi * 0.09)
+    passed = lfilter([1 - keep], [1, -keep], b.rng.normal(0, SIGMA, len(b.t)))
+    behind = b.rng.normal(0, 0.1 * SIGMA, len(b.t))
+    (found,) = explain(b.record(passed + behind, lsb=1e-5)).axes["gx"].effects
+    assert (found.kind, found.equivalent) == ("band_limit", ("gauss_markov",))
 
 
 @pytest.mark.parametrize("begin", [4.0, 19.0])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from allanscope.explain.effect import Estimate
@@ -36,6 +38,20 @@ def carrier(injection):
 def test_what_is_above_the_limit_is_found_and_nothing_beside(injection, carrier, kind, times):
     outcome = injection.trial(carrier, kind, times, [1, 2])
     assert outcome == injection.Outcome(right=True, false=0)
+
+
+def test_what_must_be_told_from_chance_is_sized_by_it(injection, carrier):
+    """More rows are repeated where more are equal by chance, and each size cuts off more."""
+
+    def inject(kind, times, one):
+        put = injection.Injector(np.random.default_rng(5), one).inject(kind, times)
+        return put[0]["fraction"]
+
+    coarse = replace(carrier, record=replace(carrier.record, lsb=(0.035, 0.035)))
+    assert inject("repeated_samples", 1.0, coarse) > 2 * inject("repeated_samples", 1.0, carrier)
+    cut = [inject("saturation", times, carrier) for times in (1.0, 3.0, 10.0)]
+    assert cut[0] > 20 / len(carrier.record.values)
+    assert cut[2] > cut[1] > cut[0]
 
 
 @pytest.mark.parametrize("blocks", [False, True])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import norm
 
 from allanscope.explain import explain
@@ -104,6 +105,16 @@ def test_coarse_and_skewed_levels_are_not_saturated(bench, step):
     columns = [b.noise(), b.noise() + 0.37 * step * SIGMA, b.noise() + hops]
     for found in explain(b.record(*columns, lsb=step * SIGMA)).axes.values():
         assert "saturation" not in names(found)
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_neighbours_at_a_limit_behind_a_filter_are_no_repeats(bench, seed):
+    """They are equal more often than far rows are: the filter keeps both beyond the limit."""
+    b = bench(seed, 200.0)
+    passed = lfilter([0.8], [1, -0.2], b.rng.normal(0, 0.0182, len(b.t)))
+    limit = np.round(np.median(passed) / 4.375e-3) * 4.375e-3
+    found = explain(b.record(np.minimum(passed, limit))).axes["gx"]
+    assert names(found) == ["saturation", "band_limit"]
 
 
 def test_repeats_of_a_row_are_still_repeats_beside_a_limit(bench):

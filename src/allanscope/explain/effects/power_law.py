@@ -25,6 +25,7 @@ from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
+from allanscope.noise.filters import LowPass
 from allanscope.noise.grid import Grid
 from allanscope.optimise import minimise_between
 
@@ -35,6 +36,8 @@ _WORTH_A_LOOK = 6.0
 """Nats below which nothing is compared with it."""
 _LEAST = 0.15
 """Exponent below which it is white noise that something else bends, and N would vanish with it."""
+_UNALIASED = 2 / np.pi
+"""Of a density that falls as 1/f, at Nyquist, over that which a sum has there."""
 _AT_THE_END = 1.05
 """Factor on the least exponent within which a fit has run into it."""
 
@@ -104,11 +107,20 @@ class PowerLaw(EffectKind):
         return lasting(view, candidate, UNSTEADY)
 
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
-        """Refuse a low-pass beyond Nyquist: how noise without a corner is sampled bends its top."""
+        """Refuse a low-pass that takes no more than the way noise without a corner is sampled.
+
+        Cut off at Nyquist, f^-a has no aliases there: (2 / pi)^a of the density of the sums.
+        """
         del known
-        low_pass = other.effect
-        beyond = isinstance(low_pass, BandLimit) and low_pass.cutoff.value > view.grid.rate_hz / 2
-        return "the top of a power law" if beyond else ""
+        low_pass, (part, *_) = other.effect, other.parts or (None,)
+        if not isinstance(low_pass, BandLimit) or not isinstance(part, LowPass):
+            return ""
+        nyquist = view.grid.rate_hz / 2
+        if low_pass.cutoff.upper and part.values:
+            part = part.with_values([low_pass.cutoff.upper, *part.values[1:]])
+        top = part.response(np.array([nyquist]), view.grid.dt)[0]
+        is_top = low_pass.cutoff.value > nyquist or top > _UNALIASED**self.exponent.value
+        return "the top of a power law" if is_top else ""
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another slope is the same hypothesis: it always is."""

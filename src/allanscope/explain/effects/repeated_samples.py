@@ -187,22 +187,25 @@ def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, 
 
 def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float]:
     """Return the same from one axis, by the differences of neighbours and of far rows."""
-    samples = _some(view.samples)
+    whole = _within_limits(view)
+    if np.count_nonzero(np.isfinite(whole)) < _FEWEST:
+        return _NONE
+    samples = _some(whole)
     lags = beyond_runs(equal)
     if view.step <= 0:
-        return _among_small(view.samples, samples, lags)
-    codes = np.round(np.diff(view.samples) / view.step)
+        return _among_small(whole, samples, lags)
+    codes = _apart(whole, 1, view.step)
     if np.std(codes) / np.sqrt(2) < _FINEST:
         return _NONE
     reach = int(np.clip(np.std(codes), 3, 12))
     fit = _zeros(codes, reach)
     if fit is None:
-        return _among_small(view.samples, samples, lags)
+        return _among_small(whole, samples, lags)
     zeros, expected, sigma2 = fit
     variance = expected + expected**2 * sigma2
     if zeros <= expected:  # far rows can only add to what is expected
         return 0.0, 0.0, float(np.sqrt(variance))
-    far = [_zeros(np.round((samples[lag:] - samples[:-lag]) / view.step), reach) for lag in lags]
+    far = [_zeros(_apart(samples, lag, view.step), reach) for lag in lags]
     known = [one for one in far if one is not None]
     typical, limit = typical_and_limit(
         np.array([one[0] / one[1] for one in known]),
@@ -214,6 +217,18 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float]:
     fraction = max(0.0, excess / n)
     factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))
     return fraction, float(z * z / 2), factor
+
+
+def _within_limits(view: View) -> Array:
+    """Return the samples, NaN at a limit, where neighbours are equal without being repeats."""
+    limits = [crowded.value for crowded in view.crowded_codes if crowded.side]
+    return np.where(np.isin(view.samples, limits), np.nan, view.samples) if limits else view.samples
+
+
+def _apart(samples: Array, lag: int, step: float) -> Array:
+    """Return by how many steps samples at a distance differ, of those within the limits."""
+    steps = np.round((samples[lag:] - samples[:-lag]) / step)
+    return steps[np.isfinite(steps)]
 
 
 def _zeros(codes: Array, reach: int) -> tuple[float, float, float] | None:
@@ -244,7 +259,7 @@ def _among_small(samples: Array, some: Array, lags: range) -> tuple[float, float
     far = [np.abs(some[lag:] - some[:-lag]) for lag in lags]
     if not far:
         return _NONE
-    small = _SMALL * float(np.median(np.concatenate(far)))
+    small = _SMALL * float(np.nanmedian(np.concatenate(far)))
     near = float(np.count_nonzero((steps > 0) & (steps <= small)))
     others = np.array([np.count_nonzero((one > 0) & (one <= small)) for one in far], float)
     zeros = np.array([np.count_nonzero(one == 0) for one in far], float)
@@ -253,7 +268,7 @@ def _among_small(samples: Array, some: Array, lags: range) -> tuple[float, float
     # Where far rows are never equal, three in all of them could have been and were not seen.
     relative = np.full(len(far), 1.0 / np.sqrt(max(float(zeros.mean()), 1.0)))
     typical, limit = typical_and_limit(zeros / others, relative)
-    rows, equal = len(steps), float(np.count_nonzero(steps == 0))
+    rows, equal = np.count_nonzero(np.isfinite(steps)), float(np.count_nonzero(steps == 0))
     chance = max(near * max(limit, _UNSEEN / float(others.sum())), 0.05)
     if equal <= _BEYOND * chance:
         return _NONE

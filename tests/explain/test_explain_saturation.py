@@ -107,7 +107,7 @@ def test_coarse_and_skewed_levels_are_not_saturated(bench, step):
         assert "saturation" not in names(found)
 
 
-@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize("seed", [4, 6])
 def test_neighbours_at_a_limit_behind_a_filter_are_no_repeats(bench, seed):
     """They are equal more often than far rows are: the filter keeps both beyond the limit."""
     b = bench(seed, 200.0)

@@ -239,6 +239,22 @@ def test_what_gains_beyond_doubt_is_refused_only_where_no_error_is_larger_withou
     assert refuse(left, little, worse, lambda one: worse if one is left else before) is left
 
 
+def test_nothing_is_kept_of_a_model_whose_error_is_absurd() -> None:
+    view = view_of(noise(8) + line(3.0, 0.6) + line(7.0, 0.6))
+    before = ResidualError(144.0, 0.0, 9.0, 9.0, 2.0)
+    absurd = replace(before, chi2_per_dof=7e4)
+    for _ in range(2):
+        view = view.accept(replace(best_of(view, "sinusoid"), gain=1e6))
+    left = refuse(view, before, absurd, lambda one: absurd if one.accepted else before)
+    assert left.accepted == ()
+    assert [step.kind for step in left.path] == ["sinusoid", "sinusoid"]
+    # One that is to blame goes alone, whatever it gains.
+    [first, _] = view.accepted
+    alone = refuse(view, before, absurd, lambda one: absurd if first in one.accepted else before)
+    assert [c.kind for c in alone.accepted] == ["sinusoid"]
+    assert first not in alone.accepted
+
+
 def test_where_no_one_is_to_blame_nothing_is_refused() -> None:
     """What is left of many lines is judged by the smaller sampling error of the better model."""
     view = view_of(noise(8) + sum(line(f, 0.6) for f in (3.0, 5.0, 7.0, 11.0, 13.0)))

@@ -25,6 +25,9 @@ _ROUNDS = 2
 """Turns in which the others are estimated again."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
+_ABSURD = np.log(100.0)
+"""Logarithm of the growth of an error that no gain outweighs: a model that does it is of other data
+than these, of rows that are no samples for one, and so is the likelihood that its parts gain."""
 
 
 def drop(view: View, path: SearchPath) -> View:
@@ -92,7 +95,8 @@ def refuse(
     The view as it was where no one or two of those that gain least mend it: then the error has
     grown because the sampling error of the better model is smaller, and all are what they are.
     What gains beyond doubt goes only where without it no error is larger, neither than before nor
-    than with it: a line that is described twice, or a range that took the noise along.
+    than with it: a line that is described twice, or a range that took the noise along. Of a model
+    with an absurd error nothing is kept.
 
     Parameters
     ----------
@@ -111,25 +115,39 @@ def refuse(
         if not mended:
             break
         (_, words), refused, now = min(mended, key=lambda one: one[0][0])
-        step = SearchStep("drop", refused.kind, refused.words, refused.gain, refused.penalty, why)
-        left = replace(_without(left, refused), path=(*left.path, step))
-        why = words
+        left, why = _refused(left, refused, why), words
+    if why and growth(before, now)[0] > _ABSURD:
+        for candidate in _acting(left):
+            left = _refused(left, candidate, why)
+        return left
     return view if why else left
+
+
+def _refused(view: View, candidate: Candidate, why: str) -> View:
+    """Return the view without an effect, and with the reason among what was tried."""
+    known = candidate.kind, candidate.words, candidate.gain, candidate.penalty
+    step = SearchStep("drop", *known, why)
+    return replace(_without(view, candidate), path=(*view.path, step))
+
+
+def _acting(view: View) -> list[Candidate]:
+    """Return what was accepted and changes the model, by its gain."""
+    acting = [c for c in view.accepted if c.changes_model and not c.effect.is_coefficient]
+    return sorted(acting, key=lambda c: c.gain)
 
 
 def _suspects(view: View) -> list[Candidate]:
     """Return what is tried: a few of small gain, and the largest, both by their gain."""
-    acting = [c for c in view.accepted if c.changes_model and not c.effect.is_coefficient]
-    acting = sorted(acting, key=lambda c: c.gain)
+    acting = _acting(view)
     small = [c for c in acting if c.gain < _BEYOND_DOUBT]
     return small[:_SUSPECTS] + acting[len(small) :][-_CERTAIN:]
 
 
 def _mends(refused: Candidate, before: ResidualError, now: ResidualError, e: ResidualError) -> bool:
     """Return whether the error that is left without an effect is little enough to refuse it."""
-    left, why = growth(before, e)
-    if refused.gain < _BEYOND_DOUBT:
-        return left <= _MENDS * growth(before, now)[0]
+    grown, (left, why) = growth(before, now)[0], growth(before, e)
+    if refused.gain < _BEYOND_DOUBT or grown > _ABSURD:
+        return left <= _MENDS * grown
     return not why and not growth(now, e)[1]
 
 

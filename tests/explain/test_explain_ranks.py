@@ -212,7 +212,7 @@ def test_sigma_of_a_gauss_markov_process_has_the_interval_of_its_likelihood():
         drive = sigma * np.sqrt(1 - keep**2) * rng.standard_normal(n + 500)
         process = lfilter([1.0], [1.0, -keep], drive)[500:]
         view = view_of(process + rng.standard_normal(n))
-        found = gauss_markov._candidate(view, tc / 10, tc * 10).effect
+        found = gauss_markov._candidate(view, tc / 10, tc * 10).finished().effect
         ranks.append(rank(found.sigma, sigma))
     assert_apt(ranks, leaning=0.16)
 

@@ -103,7 +103,7 @@ class GaussMarkov(EffectKind):
     def refine(self, view: View) -> Candidate:
         """Estimate correlation time and size again."""
         tc = max(self.correlation_time.value, 2 * _shortest(view))
-        return _candidate(view, tc / 2, tc * 2).finished()
+        return _candidate(view, tc / 2, tc * 2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return it where it removes its part of the residual and is there all along.

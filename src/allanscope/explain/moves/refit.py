@@ -26,7 +26,7 @@ def estimate_again(view: View, path: SearchPath) -> View:
             continue
         path.evaluations += 1
         bare = view.without(candidate)
-        again = candidate.effect.refine(bare) or candidate
+        again = (candidate.effect.refine(bare) or candidate).finished()
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
         grown = bare.accept(again)
         order = [again if c is candidate else c for c in view.accepted]

@@ -215,17 +215,17 @@ KERNEL(double, maximise)
 /* Size of one signal and the noise beside it, in turn: `explain/regression.py`. The first m ordinates
    of the data and of a signal of size 1, which of them are kept (1 or 0), and their variances: those
    of what is fixed, and of every part at a power of 1, whose rows are `apart`. The low bins begin at
-   `edges`, and `kept_count` is how many ordinates are kept in each, 1 at the least. `theta` is where the powers begin, and `power` holds
-   the mean squares of all bins without a signal: both receive the result, with the information about
-   the size in `found[0]` and the size in `found[1]`. `room` has m + bins (p + 5) + 3 p (p + 6) values.
+   `edges`, and `kept_count` is how many ordinates are kept in each, 1 at the least. `theta` is where
+   the powers begin, and `power` holds the mean squares of all bins without a signal: both receive the
+   result, with the information about the size in `found[0]` and the size in `found[1]`. `room` has
+   m + bins (p + 5) + 3 p (p + 6) values.
    Returns the log-likelihood. */
 KERNEL(double, fit_signal)
 (const double *signal, const double *data, const double *kept, const double *first_fixed,
  const double *first, int64_t m, int64_t apart, const int64_t *edges, const double *kept_count,
- int64_t low,
- const double *columns, const double *count, const double *fixed, int64_t p, int64_t bins,
- double smallest, int64_t turns, double close, double *theta, double *power, double *found,
- double *room) {
+ int64_t low, const double *columns, const double *count, const double *fixed, int64_t p,
+ int64_t bins, double smallest, int64_t turns, double close, double *theta, double *power,
+ double *found, double *room) {
     double *variance = room, *expected = variance + m, *deeper = expected + bins;
     double reached = INFINITY;
     for (int64_t turn = 0; turn < turns; turn++) {

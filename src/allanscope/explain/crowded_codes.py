@@ -212,7 +212,7 @@ def _at_the_end(counts: Array) -> tuple[float, float]:
     A parabola through their log-frequencies, and no more than a straight line through the nearest
     two: the tail of a hump bends down.
     """
-    straight = counts[0] ** 2 / counts[1]
+    usual = counts[0] ** 2 / counts[1]
     relative = float(4 / counts[0] + 1 / counts[1])
     if len(counts) > 3:
         weight = 1 / np.sqrt(1 / counts + _UNEVEN**2)
@@ -220,9 +220,9 @@ def _at_the_end(counts: Array) -> tuple[float, float]:
         design *= weight[:, np.newaxis]
         variance = np.linalg.inv(design.T @ design)
         level = float(np.exp(variance[0] @ design.T @ (weight * np.log(counts))))
-        if level < straight:
-            straight, relative = level, float(variance[0, 0])
-    return straight, float(np.sqrt(straight + straight**2 * relative))
+        if level < usual:
+            usual, relative = level, float(variance[0, 0])
+    return usual, float(np.sqrt(usual + usual**2 * relative))
 
 
 def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:

@@ -162,14 +162,27 @@ def joint_fit(
     fitter = view.fitter.plus(*filters) if filters else view.fitter
     if len(columns) == 1 and fitter.has_table(m):
         return _fit_signal(view, columns[0], fitter, rounds)
+    return _fit_in_turn(view, columns, fitter, rounds)
+
+
+def _fit_in_turn(
+    view: View, columns: Array, fitter: SpectrumFitter, rounds: int, *, restricted: bool = False
+) -> Regression:
+    """Fit amplitudes and noise in turn.
+
+    With `restricted` what the amplitudes take of the ordinates is put back (`marginal_covariance`).
+    """
+    m, power = columns.shape[1], view.power.copy()
     d, low = view.ordinates[:m], _low_bins(view.grid, view.spectrum.excluded, m)
-    power = view.power.copy()
     powers, loglik = view.spectrum.powers, np.inf
     for _ in range(rounds):
         weighted = columns * (low.kept / fitter.first(powers, m))
         covariance = _inverse(weighted @ columns.T)
         amplitude = covariance @ (weighted @ d)
-        power[: len(low.edges)] = low.means((d - amplitude @ columns) ** 2)
+        squares = (d - amplitude @ columns) ** 2
+        if restricted:
+            squares += _taken_by(covariance, columns)
+        power[: len(low.edges)] = low.means(squares)
         before = loglik
         powers, loglik = fitter.powers(power, powers)
         if abs(loglik - before) < _CLOSE:
@@ -178,8 +191,13 @@ def joint_fit(
     return Regression(amplitude, covariance, gain, fitter, power, powers)
 
 
+def _taken_by(covariance: Array, columns: Array) -> Array:
+    """Return what amplitudes are expected to take of the squares of the ordinates."""
+    return np.asarray(np.sum(columns * (covariance @ columns), axis=0))
+
+
 def _fit_signal(view: View, signal: Array, fitter: SpectrumFitter, rounds: int) -> Regression:
-    """Do the same for one signal, as most fits are, in one compiled loop."""
+    """Do the same for one signal, as most fits are, in one compiled loop (not restricted)."""
     power, powers, found = view.power.copy(), view.spectrum.powers.copy(), np.empty(2)
     basis, low = fitter.basis, _low_bins(view.grid, view.spectrum.excluded, len(signal))
     p, bins = basis.columns.shape
@@ -223,13 +241,10 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
         power[: len(low.edges)] = low.means((d - amplitude @ columns) ** 2 + taken)
         return view.fitter.powers(power, powers)
 
-    def taken_by(covariance: Array) -> Array:
-        return np.asarray(np.sum(columns * (covariance @ columns), axis=0))
-
     for _ in range(_ROUNDS):
-        powers, _ = noise(fit.amplitude, taken_by(covariance))
+        powers, _ = noise(fit.amplitude, _taken_by(covariance, columns))
         covariance = _inverse((columns * low.kept / view.fitter.first(powers, m)) @ columns.T)
-    taken = taken_by(covariance)
+    taken = _taken_by(covariance, columns)
 
     def loglik(amplitude: Array) -> float:
         return noise(amplitude, taken)[1]
@@ -253,20 +268,9 @@ def restricted_loglik(view: View, columns: Array) -> float:
 
     What the amplitudes take of the ordinates is put back, as in `marginal_covariance`.
     """
-    m, power, powers = columns.shape[1], view.power.copy(), view.spectrum.powers
-    low = _low_bins(view.grid, view.spectrum.excluded, m)
-    d, loglik = view.ordinates[:m], np.inf
-    for _ in range(_ROUNDS):
-        weighted = columns * (low.kept / view.fitter.first(powers, m))
-        covariance = _inverse(weighted @ columns.T)
-        rest = d - (covariance @ (weighted @ d)) @ columns
-        taken = np.sum(columns * (covariance @ columns), axis=0)
-        power[: len(low.edges)] = low.means(rest**2 + taken)
-        before = loglik
-        powers, loglik = view.fitter.powers(power, powers)
-        if abs(loglik - before) < _CLOSE:
-            break
-    return loglik + 0.5 * float(np.linalg.slogdet(covariance)[1])
+    fit = _fit_in_turn(view, columns, view.fitter, _ROUNDS, restricted=True)
+    loglik = fit.gain + view.spectrum.loglik
+    return loglik + 0.5 * float(np.linalg.slogdet(fit.covariance)[1])
 
 
 def reach_at_95(drop: Callable[[float], float]) -> float:

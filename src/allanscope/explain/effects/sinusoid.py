@@ -292,10 +292,9 @@ def _slow_lines(view: View) -> list[float]:
     found = []
     for index in order[:2]:
         if scores[index] > 0.35 * price:
-            frequency = float(waves.frequency[index])
-            fit = joint_fit(view, _slow_pair(view.grid, frequency))
+            fit = joint_fit(view, waves.pair(index))
             if fit.gain > 0.6 * price:
-                found.append(frequency)
+                found.append(float(waves.frequency[index]))
     return found[:1]
 
 

@@ -150,7 +150,7 @@ class Temperature(EffectKind):
 
     def refine(self, view: View) -> Candidate:
         """Estimate it again, with what has become visible of its lag and its curve."""
-        return replace(self, lag=None, curvature=None).extended(view).finished()
+        return replace(self, lag=None, curvature=None).extended(view)
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the temperature with the numbers that are known."""

@@ -107,7 +107,7 @@ class WarmUp(EffectKind):
     def refine(self, view: View) -> Candidate:
         """Estimate time constant and amplitude again."""
         tc = self.time_constant.value
-        return _candidate(view, tc / 1.6, tc * 1.6).finished()
+        return _candidate(view, tc / 1.6, tc * 1.6)
 
     def signal(self, view: View) -> Array:
         """Return the exponential."""

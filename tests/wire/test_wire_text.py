@@ -18,7 +18,7 @@ from allanscope.wire.text import TextDecoder
 from allanscope.wire.text.columns import cells_of, column_of, columns_of
 from allanscope.wire.text.labelled import read_labelled
 from allanscope.wire.text.refusal import why_no_rows
-from allanscope.wire.text.units import unit_of_text
+from allanscope.wire.text.units import gyro_unit, unit_of_text
 
 GYRO, ACCEL = ("gx", "gy", "gz"), ("ax", "ay", "az")
 BOTH = GYRO + ACCEL
@@ -741,6 +741,40 @@ def test_a_gyroscope_beside_si_units_is_in_rad_s(unit: str) -> None:
     assert block.counts[0][0] == pytest.approx(0.3 if unit == "[g]" else 0.3 / RAD)
     stated = _decode(header.replace("gx", "gx[dps]") + f"{line},0.3,0.02,-0.1\n" * 40)
     assert next(one for one in stated if isinstance(one, Block)).counts[0][0] == 0.3
+
+
+@pytest.mark.parametrize(
+    ("step", "beside", "said"),
+    [
+        (math.radians(2000.0 / 2**15), 1.0, "rad/s assumed, as its step is that of 2000 dps in"),
+        (math.radians(0.0175), 1.0, "rad/s assumed, as its step is that of 500 dps in 16 bits"),
+        (1.0 / 131.0, 9.81, "dps assumed, as its step is that of 250 dps in 16 bits"),
+        (8.75, 9.81, "mdps assumed, as its step is that of 250 dps in 16 bits"),
+        (0.01, 1.0, "dps assumed"),
+        (0.001, 9.81, "rad/s assumed, as accel is in m/s^2"),
+        (math.radians(2.0 * 2000.0 / 2**15), 1.0, "rad/s assumed, as its step is that of 4000 dps"),
+        (math.radians(3.0 * 2000.0 / 2**15), 1.0, "dps assumed"),
+    ],
+)
+def test_the_step_of_a_gyroscope_tells_its_unit(step: float, beside: float, said: str) -> None:
+    """Bias taken off and digits cut; a decimal step tells nothing."""
+    counts = np.random.default_rng(1).normal(0.0, 2.5, (40, 3)).round()
+    rows = (counts - counts.mean(axis=0)) * step
+    lines = "".join(f"0,0,{beside},{','.join(f'{v:.6g}' for v in row)}\n" for row in rows)
+    assert any(
+        f"no unit of gyro: {said}" in remark
+        for remark in _remarks(_decode("ax,ay,az,gx,gy,gz\n" + lines))
+    )
+
+
+def test_noise_without_a_step_tells_no_unit_of_a_gyroscope() -> None:
+    """2000 sets of 25 rows, continuous or on decimal steps: none is taken for counts."""
+    rng = np.random.default_rng(2)
+    for number in range(2000):
+        rows = rng.normal(0.0, 10.0 ** rng.uniform(-1.0, 1.5), (25, 3))
+        step = float(rng.choice([1.0, 2.0, 5.0])) * 10.0 ** rng.integers(-6, 1)
+        values = rows * step if number % 2 else np.rint(rows) * step
+        assert gyro_unit(values, "") == ("dps", "")
 
 
 GROUPED = (

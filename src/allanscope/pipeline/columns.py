@@ -16,7 +16,7 @@ from allanscope.wire.text import (
     Quantity,
     accel_comes_first,
     column_of,
-    gyro_unit_beside,
+    gyro_unit,
     quantity_named,
     unit_by_gravity,
 )
@@ -308,16 +308,19 @@ def with_guesses(columns: Columns) -> Columns:
         if not silent:
             continue
         rows = np.column_stack([columns.axes[axis][:LOOKED_AT] for axis in silent])
-        by_gravity = unit_by_gravity(rows) if sensor == "accel" else ""
-        beside = next((units[axis] for axis in columns.axes if quantity_of(axis) == "accel"), "")
+        if sensor == "accel":
+            told = unit_by_gravity(rows)
+            why = "gravity has that size" if told else ""
+        else:
+            beside = (units[axis] for axis in columns.axes if quantity_of(axis) == "accel")
+            told, why = gyro_unit(rows, next(beside, ""))
         for axis in silent:
             unit = columns.unit(axis)
-            units[axis] = by_gravity or (gyro_unit_beside(beside) if unit == "dps" else unit)
+            units[axis] = told if told and (sensor == "accel" or unit == "dps") else unit
         names = dict.fromkeys(units[axis] for axis in silent)
         words = " and ".join("counts (lsb)" if name == "lsb" else name for name in names)
-        why = ", as gravity has that size" if by_gravity else ""
-        why = ", as accel is in m/s^2" if "rad/s" in names else why
-        said[sensor] = f"no unit of {sensor} is given: {words} assumed{why}"
+        why = why if told in names else ""
+        said[sensor] = f"no unit of {sensor} is given: {words} assumed{', as ' * bool(why)}{why}"
     return replace(columns, units=units, assumed=(*columns.assumed, *filter(None, said.values())))
 
 

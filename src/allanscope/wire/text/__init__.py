@@ -37,7 +37,7 @@ from allanscope.wire.text.units import (
     SMALLEST,
     Quantity,
     accel_comes_first,
-    gyro_unit_beside,
+    gyro_unit,
     quantity_named,
     unit_by_gravity,
 )
@@ -53,7 +53,7 @@ __all__ = [
     "TextFormat",
     "accel_comes_first",
     "column_of",
-    "gyro_unit_beside",
+    "gyro_unit",
     "quantity_named",
     "unit_by_gravity",
     "why_no_rows",

@@ -22,7 +22,7 @@ from allanscope.wire.text.units import (
     SMALLEST,
     Quantity,
     accel_comes_first,
-    gyro_unit_beside,
+    gyro_unit,
     quantity_named,
     unit_by_gravity,
 )
@@ -287,12 +287,15 @@ class TextInterpreter:
         unit = self.given.get(sensor) or self._stated.get(sensor, "")
         if not unit:
             by_gravity = unit_by_gravity(values) if sensor == "accel" else ""
-            usual = gyro_unit_beside(accel) if sensor == "gyro" else "g"
-            unit = by_gravity or ("lsb" if _whole(values) else usual)
-            why = ", as gravity has that size" if by_gravity else ""
-            why = f", as accel is in {_spelt(accel)}" if unit == "rad/s" else why
+            unit, why = by_gravity or "g", "gravity has that size" if by_gravity else ""
+            if not by_gravity and _whole(values):
+                unit = "lsb"
+            elif sensor == "gyro":
+                unit, why = gyro_unit(values, accel)
             words = "counts (lsb)" if unit == "lsb" else _spelt(unit)
-            remarks.append(f"the text gives no unit of {sensor}: {words} assumed{why}")
+            remarks.append(
+                f"the text gives no unit of {sensor}: {words} assumed{', as ' * bool(why)}{why}"
+            )
         full_scale = self._settings.gyro_fs if sensor == "gyro" else self._settings.accel_fs
         if unit == "lsb" and full_scale is None:
             assumed = f"{RESET_FULL_SCALES[sensor]:g} {_USUAL[sensor]} assumed"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
-from allanscope.parts import ACCEL_SCALES
+from allanscope.parts import ACCEL_SCALES, GYRO_SCALES
 from allanscope.quantities import GRAVITY
 
 __all__ = [
@@ -24,7 +24,7 @@ __all__ = [
     "SMALLEST",
     "Quantity",
     "accel_comes_first",
-    "gyro_unit_beside",
+    "gyro_unit",
     "quantity_named",
     "unit_by_gravity",
     "unit_of_text",
@@ -79,6 +79,15 @@ _OFF = 0.05
 """Scale and offset errors of these parts at rest: 40 mg of zero-g level, and a tilted part adds."""
 _STEADY = 0.02
 """Relative scatter of the norm from row to row below which it may be gravity."""
+_GYRO_STEPS = (
+    *((full_scale, full_scale / 2**15) for full_scale in (125.0, 250.0, 500.0, 1e3, 2e3, 4e3)),
+    *GYRO_SCALES.items(),
+)
+"""Full scales in dps and what a count of 16 bits is there, as most makers have it and as ST."""
+_FEWEST_COUNTS, _MOST_COUNTS = 5, 300
+"""So few different counts fit a step by chance, and so large ones fit any."""
+_OFF_A_COUNT, _OFF_A_STEP = 0.05, 1e-3
+"""Digits that were cut off, and steps that makers round: 1/131 dps for 250 dps."""
 
 
 def unit_of_text(text: str) -> str:
@@ -119,15 +128,52 @@ def quantity_named(group: str, unit: str) -> tuple[Quantity, str]:
     return quantity, known
 
 
-def gyro_unit_beside(accel: str) -> str:
-    """Return the unit to assume of a gyroscope, beside an accelerometer in a unit of `DIVISORS`.
+def gyro_unit(values: NDArray[Any], accel: str) -> tuple[str, str]:
+    """Return the unit to assume of a gyroscope whose text gives none, and why, '' for a mere habit.
 
-    Who writes m/s^2 writes SI, as phones, ROS, ArduPilot and Xsens do; others write dps.
+    The step of its values tells it where it is that of 16 bits of a usual full scale. Otherwise
+    who writes m/s^2 writes SI, as phones, ROS, ArduPilot and Xsens do; others write dps.
 
-    >>> gyro_unit_beside("m/s2"), gyro_unit_beside("mg"), gyro_unit_beside("")
-    ('rad/s', 'dps', 'dps')
+    Parameters
+    ----------
+    values : ndarray, shape (n, k)
+        Some rows of its axes.
+    accel : str
+        Unit of `DIVISORS` of the accelerometer beside it, empty where there is none.
+
+    Examples
+    --------
+    >>> counts = np.array([[3, -7, 1], [0, -5, 2], [5, -4, -3], [1, -9, -5]])
+    >>> gyro_unit(np.radians(counts * 2000.0 / 2**15), "")
+    ('rad/s', 'its step is that of 2000 dps in 16 bits')
+    >>> gyro_unit(counts * 0.00875, "m/s2")
+    ('dps', 'its step is that of 250 dps in 16 bits')
+    >>> gyro_unit(counts * 0.01, "m/s2"), gyro_unit(counts * 0.01, "mg")
+    (('rad/s', 'accel is in m/s^2'), ('dps', ''))
     """
-    return "rad/s" if DIVISORS["accel"].get(accel) == GRAVITY else "dps"
+    for unit in ("dps", "mdps", "rad/s"):
+        for full_scale, step in _GYRO_STEPS:
+            if _counts(values, step * DIVISORS["gyro"][unit]):
+                return unit, f"its step is that of {full_scale:g} dps in 16 bits"
+    si = DIVISORS["accel"].get(accel) == GRAVITY
+    return ("rad/s", "accel is in m/s^2") if si else ("dps", "")
+
+
+def _counts(values: NDArray[Any], step: float) -> bool:
+    """Return whether values differ by whole numbers of a step, and of no larger one."""
+    rows = np.asarray(values, np.float64)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if len(rows) == 0:
+        return False
+    counts = (rows - rows[0]) / step
+    whole = np.rint(counts)
+    distinct = np.unique(whole)
+    if len(distinct) <= _FEWEST_COUNTS or np.abs(distinct).max() > _MOST_COUNTS:
+        return False
+    return bool(
+        (np.abs(counts - whole) <= _OFF_A_COUNT + _OFF_A_STEP * np.abs(whole)).all()
+        and np.gcd.reduce(distinct.astype(np.int64)) == 1
+    )
 
 
 def unit_by_gravity(values: NDArray[Any], *, counts: bool = False) -> str:

@@ -757,8 +757,9 @@ def test_a_gyroscope_beside_si_units_is_in_rad_s(unit: str) -> None:
     ],
 )
 def test_the_step_of_a_gyroscope_tells_its_unit(step: float, beside: float, said: str) -> None:
-    """Bias taken off and digits cut; a decimal step tells nothing."""
+    """Bias taken off, digits cut, and a bump; a decimal step tells nothing."""
     counts = np.random.default_rng(1).normal(0.0, 2.5, (40, 3)).round()
+    counts[5:8, 1] += [2000.0, -3001.0, 700.0]
     rows = (counts - counts.mean(axis=0)) * step
     lines = "".join(f"0,0,{beside},{','.join(f'{v:.6g}' for v in row)}\n" for row in rows)
     assert any(
@@ -775,6 +776,8 @@ def test_noise_without_a_step_tells_no_unit_of_a_gyroscope() -> None:
         step = float(rng.choice([1.0, 2.0, 5.0])) * 10.0 ** rng.integers(-6, 1)
         values = rows * step if number % 2 else np.rint(rows) * step
         assert gyro_unit(values, "") == ("dps", "")
+        cut = np.rint(rows / 10.0).round() * 500.0 / 2**15  # no counts of 250 dps in rad/s
+        assert gyro_unit(cut.round(4), "")[0] == "dps"
 
 
 GROUPED = (

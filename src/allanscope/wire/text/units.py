@@ -85,9 +85,11 @@ _GYRO_STEPS = (
 )
 """Full scales in dps and what a count of 16 bits is there, as most makers have it and as ST."""
 _FEWEST_COUNTS, _MOST_COUNTS = 5, 300
-"""So few different counts fit a step by chance, and so large ones fit any."""
+"""So few different counts fit a step by chance, and so large ones any: a bump is left out."""
 _OFF_A_COUNT, _OFF_A_STEP = 0.05, 1e-3
 """Digits that were cut off, and steps that makers round: 1/131 dps for 250 dps."""
+_COARSEST, _WHOLE = 0.15, 1e-6
+"""Last digit in steps from which the digits are the step, and how far off a whole number is one."""
 
 
 def unit_of_text(text: str) -> str:
@@ -165,15 +167,18 @@ def _counts(values: NDArray[Any], step: float) -> bool:
     rows = rows[np.isfinite(rows).all(axis=1)]
     if len(rows) == 0:
         return False
-    counts = (rows - rows[0]) / step
-    whole = np.rint(counts)
+    last_digit = 10.0 ** math.ceil(math.log10(_COARSEST * step))
+    with np.errstate(over="ignore", invalid="ignore"):  # a damaged number may be of any size
+        if (np.abs(rows / last_digit % 1.0 - 0.5) > 0.5 - _WHOLE).all():
+            return False
+        counts = (rows - np.sort(rows, axis=0)[len(rows) // 2]) / step
+    near = counts[(np.abs(counts) < _MOST_COUNTS).all(axis=1)]
+    whole = np.rint(near)
     distinct = np.unique(whole)
-    if len(distinct) <= _FEWEST_COUNTS or np.abs(distinct).max() > _MOST_COUNTS:
+    if 2 * len(near) < len(rows) or len(distinct) <= _FEWEST_COUNTS:
         return False
-    return bool(
-        (np.abs(counts - whole) <= _OFF_A_COUNT + _OFF_A_STEP * np.abs(whole)).all()
-        and np.gcd.reduce(distinct.astype(np.int64)) == 1
-    )
+    fit = np.abs(near - whole) <= _OFF_A_COUNT + _OFF_A_STEP * np.abs(whole)
+    return bool(fit.all() and np.diff(distinct).min() == 1)
 
 
 def unit_by_gravity(values: NDArray[Any], *, counts: bool = False) -> str:

@@ -729,6 +729,33 @@ def test_an_accelerometer_is_known_by_gravity(unit: str, names: str) -> None:
         assert any("assumed to be ax ay az gx gy gz" in remark for remark in _remarks(rest))
 
 
+@pytest.mark.parametrize(
+    ("header", "axes"),
+    [
+        ("Time[s];LSM6DSM_ACC_X[mg];LSM6DSM_ACC_Y[mg];LSM6DSM_ACC_Z[mg]", "t ax ay az"),
+        ("IMU_Time,IMU_GyrX,IMU_GyrY,IMU_GyrZ,IMU_AccX,IMU_AccY,IMU_AccZ", "t gx gy gz ax ay az"),
+        ("loopIteration,time (us),gyroADC[0],gyroADC[1],gyroADC[2]", "- t gx gy gz"),
+        ("acc[0],acc[1],acc[2],gyro[0],gyro[1],gyro[2]", "ax ay az gx gy gz"),
+        ("ts,lin_acc_x,lin_acc_y,lin_acc_z,ang_vel_x,ang_vel_y,ang_vel_z", "t ax ay az gx gy gz"),
+        ("hh:mm:ss.ms,X_Acc,Y_Acc,Z_Acc", "t ax ay az"),
+        ("a_acc_x,acc_x,a_acc_y,acc_y,a_acc_z,acc_z", "- ax - ay - az"),
+        ("b_acc_x,b_acc_y,b_acc_z,c_acc_x,c_acc_y,c_acc_z", "ax ay az - - -"),
+        ("gx,gy,gz,bias_acc_x,bias_acc_y,bias_acc_z", "gx gy gz - - -"),
+        ("gx,gy,gz,lin_acc_x,lin_acc_y", "gx gy gz - -"),
+        (
+            "epoc (ms),timestamp (-0700),elapsed (s),x-axis (deg/s),y-axis (deg/s),z-axis (deg/s)",
+            "t - - gx gy gz",
+        ),
+    ],
+)
+def test_names_with_more_to_them_are_read_where_no_plain_ones_are(header: str, axes: str) -> None:
+    """Of three axes at least, and the first of each."""
+    columns = columns_of(cells_of(header))
+    assert columns is not None
+    names = ["-" if c is None else AXES[c.axis] if c.axis >= 0 else "t" for c in columns]
+    assert names == axes.split()
+
+
 @pytest.mark.parametrize("unit", ["[m/s^2]", "[g]", ""])
 def test_a_gyroscope_beside_si_units_is_in_rad_s(unit: str) -> None:
     """Unless it says otherwise; and the guess is said."""

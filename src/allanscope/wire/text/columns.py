@@ -30,11 +30,22 @@ _AXIS = re.compile(
     r"_?(?:l_|rs_s_)?([xyz])"
 )
 """The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS."""
-_TIME = re.compile(r"t|ts|time|timestamp|time_stamp|fieldheaderstamp|seconds_elapsed")
+_SENSOR = (
+    r"(?:(acc(?:el(?:erometer|eration)?)?)"
+    r"|gyr(?:o(?:scope)?)?|ang(?:ular)?_?(?:vel(?:ocity)?|rate))"
+)
+_LOOSE = re.compile(
+    r"(?!.*(?:bias|offset|std|var|cov))(?:\w*_)?"
+    rf"(?:{_SENSOR}(?:_?(?:adc|raw|smooth))?_?([xyz012])|([xyz])_{_SENSOR})"
+)
+"""What may be an axis where no name is one: `IMU_AccX`, `gyro_adc_x`, `accSmooth[0]`, `X_Acc`."""
+_TIME = re.compile(
+    r"t|ts|(?:imu_)?time(?:_?stamp)?|fieldheaderstamp|(?:seconds_)?elapsed|epoch?|hh:mm:ss\w*"
+)
 _CLOCKS = {"millis": "ms", "micros": "us"}
 """Names that tell the unit: Arduino's clocks."""
 _TEMPERATURE = re.compile(r"temp|temperature|t")
-_BARE_AXIS = re.compile(r"([xyz])[_.]?\d?")
+_BARE_AXIS = re.compile(r"([xyz])(?:[_-]?axis)?[_.]?\d?")
 _GROUPS: Mapping[Quantity, re.Pattern[str]] = {
     "accel": re.compile(r"acc", re.IGNORECASE),
     "gyro": re.compile(r"gyr|angular[ _]?(?:rate|vel)", re.IGNORECASE),
@@ -152,16 +163,42 @@ def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
     """
     if (without := columns_without_sensor(cells, bare)) is not None:
         return without
-    seen: set[tuple[Quantity, int]] = set()
+    columns = [column_of(cell) for cell in cells]
+    for sensor in ("gyro", "accel"):
+        if not any(column and column.quantity == sensor for column in columns):
+            for place, column in enumerate(_loosely(cells, sensor)):
+                columns[place] = columns[place] or column
+    columns = _first_of_each(columns)
+    return tuple(columns) if any(column and column.axis >= 0 for column in columns) else None
+
+
+def _loosely(cells: Sequence[str], sensor: Quantity) -> list[Column | None]:
+    """Return the columns of x, y and z of a sensor whose names have more to them; none of fewer."""
     columns: list[Column | None] = []
     for cell in cells:
-        column = column_of(cell)
-        if column is not None and (column.quantity, column.axis) in seen:
-            column = None
+        match = _NAME.fullmatch(cell[:80])
+        index = match[2] if match and match[2] in ("0", "1", "2") else ""
+        name = re.sub(r"[\s.\-]+", "", match[1].lower()).strip("_") + index if match else ""
+        axis = _LOOSE.fullmatch(name)
+        column = None
+        if axis and match and ("accel" if axis[1] or axis[4] else "gyro") == sensor:
+            letter = "xyz"["xyz012".index(axis[2] or axis[3]) % 3]
+            unit = "" if index else unit_of_text(match[2] or "")
+            column = _column(sensor, unit, AXES.index(sensor[0] + letter))
+        columns.append(column)
+    return columns if sum(one is not None for one in _first_of_each(columns)) == 3 else []
+
+
+def _first_of_each(columns: Sequence[Column | None]) -> list[Column | None]:
+    """Return columns without those that were there before."""
+    seen: set[tuple[Quantity, int]] = set()
+    first: list[Column | None] = []
+    for column in columns:
+        known = column is None or (column.quantity, column.axis) in seen
         if column is not None:
             seen.add((column.quantity, column.axis))
-        columns.append(column)
-    return tuple(columns) if any(column and column.axis >= 0 for column in columns) else None
+        first.append(None if known else column)
+    return first
 
 
 def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
@@ -200,7 +237,7 @@ def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Col
         Column(sensor, unit, AXES.index(sensor[0] + letter))
         for sensor, letter, unit in zip(sensors, letters, units, strict=True)
     ]
-    return (*map(column_of, before), *axes, *map(column_of, after))
+    return tuple(_first_of_each([*map(column_of, before), *axes, *map(column_of, after)]))
 
 
 def columns_under_groups(groups: Sequence[str], cells: Sequence[str]) -> Columns | None:

@@ -51,6 +51,14 @@ ACCEL = RNG.normal(0, 0.01, (N, 3)) + np.array([0.0, 0.0, 9.81])
             "no unit of accel is given: m/s2 assumed, as gravity has that size",
         ),
         ({"t": T, "data": np.hstack([GYRO, ACCEL])}, (), "assumed to be gx gy gz ax ay az"),
+        (
+            {
+                "d": np.column_stack([T, ACCEL, GYRO[:, 2]]),
+                "columns": np.array(["t[s]", "imu_accX", "imu_accY", "imu_accZ", "gz[dps]"]),
+            },
+            (),
+            "no unit of accel is given: m/s2 assumed, as gravity has that size",
+        ),
     ],
 )
 def test_arrays_of_numpy_are_analysed(tmp_path, arrays, options, assumed):

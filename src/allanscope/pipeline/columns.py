@@ -16,6 +16,7 @@ from allanscope.wire.text import (
     Quantity,
     accel_comes_first,
     column_of,
+    columns_of,
     gyro_unit,
     quantity_named,
     unit_by_gravity,
@@ -26,6 +27,7 @@ __all__ = [
     "columns_of_array",
     "columns_of_mapping",
     "columns_of_table",
+    "known_names",
     "quantity_of",
     "text_of_columns",
     "with_guesses",
@@ -141,7 +143,7 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
         column = column_of(str(name))
         if column is None:
             raise ValueError(f"column {name!r} is unknown; names are t {' '.join(AXES)} temp")
-        plain = AXES[column.axis] if column.axis >= 0 else column.quantity
+        plain = _plain(column)
         if plain in found:
             raise ValueError(f"column {name!r} appears twice")
         found[plain] = (column, _column(str(name), values, column.quantity))
@@ -159,6 +161,25 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
             _converted(found.get("temperature"), "degc"),
         )
     )
+
+
+def known_names(names: Sequence[str]) -> dict[str, str]:
+    """Return those names of the columns of a table that are ours, and how they are called here.
+
+    Examples
+    --------
+    >>> known_names(["Time (s)", "IMU_GyrX", "IMU_GyrY", "IMU_GyrZ", "label"])
+    {'Time (s)': 'time[s]', 'IMU_GyrX': 'gx', 'IMU_GyrY': 'gy', 'IMU_GyrZ': 'gz'}
+    """
+    return {
+        name: f"{_plain(column)}[{column.unit}]" if column.unit else _plain(column)
+        for name, column in zip(names, columns_of(names) or (), strict=False)
+        if column is not None
+    }
+
+
+def _plain(column: Column) -> str:
+    return AXES[column.axis] if column.axis >= 0 else column.quantity
 
 
 def _without_missing(columns: Columns) -> Columns:

@@ -19,7 +19,12 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from allanscope.pipeline.columns import Columns, columns_of_array, columns_of_mapping
+from allanscope.pipeline.columns import (
+    Columns,
+    columns_of_array,
+    columns_of_mapping,
+    known_names,
+)
 from allanscope.pipeline.table_files import (
     MOST_BYTES,
     MOST_COLUMNS,
@@ -188,11 +193,11 @@ def _is_axis(name: str) -> bool:
 def _table(array: NDArray[Any], names: tuple[str, ...]) -> Columns:
     """Return the columns of one array; those whose name is not known are left out."""
     if array.dtype.names:
-        known = [name for name in array.dtype.names if column_of(name) is not None]
-        return columns_of_array(array, known)
+        known = known_names(array.dtype.names) or {name: name for name in array.dtype.names}
+        return columns_of_mapping({ours: array[name] for name, ours in known.items()})
     if array.ndim == 2 and len(names) == array.shape[1]:
-        known = [name for name in names if column_of(name) is not None]
-        return columns_of_mapping({name: array[:, names.index(name)] for name in known})
+        known = known_names(names)
+        return columns_of_mapping({ours: array[:, names.index(n)] for n, ours in known.items()})
     return columns_of_array(array, None, timed=True)
 
 

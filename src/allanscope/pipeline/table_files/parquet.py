@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
-from allanscope.pipeline.columns import columns_of_mapping
+from allanscope.pipeline.columns import columns_of_mapping, known_names
 from allanscope.pipeline.table_files import MOST_BYTES, MOST_COLUMNS, TableFile
 from allanscope.recording import most_unpacked
 from allanscope.samples import AXES
-from allanscope.wire.text import column_of
 
 __all__ = ["read"]
 
@@ -33,20 +32,21 @@ def read(path: Path, stream: str = "") -> TableFile:
             schema = file.schema_arrow
             if len(schema) > MOST_COLUMNS:
                 raise ValueError(f"a table of {len(schema)} columns")
-            known = [
-                one.name
-                for one in schema
-                if column_of(one.name) is not None
-                and (pa.types.is_integer(one.type) or pa.types.is_floating(one.type))
-            ]
+            known = known_names(
+                [
+                    one.name
+                    for one in schema
+                    if pa.types.is_integer(one.type) or pa.types.is_floating(one.type)
+                ]
+            )
             most = min(MOST_BYTES, most_unpacked(path.stat().st_size))
             if file.metadata.num_rows * max(len(known), 1) * 8 > most:
                 raise ValueError(f"{file.metadata.num_rows} rows: too many for a file of its size")
-            arrays = _columns_of_parquet(file, known, most)
+            arrays = _columns_of_parquet(file, list(known), most)
             facts = _facts(schema.metadata)
     except pa.ArrowException as error:
         raise ValueError(f"not a valid Parquet file: {error}") from None
-    columns = columns_of_mapping(arrays)
+    columns = columns_of_mapping({known[name]: values for name, values in arrays.items()})
     scales = _numbers(facts.get("axes"), facts.get("scale"))
     rate = facts.get("rate_hz")
     return TableFile(

@@ -260,19 +260,22 @@ def test_quotation_marks_are_no_part_of_a_cell(numbers: bool) -> None:
     """As spreadsheets and pandas write them; and an order that must not be taken for the usual."""
     row = ["-0.5", "1.25", ""]
     cells = [f'"{cell}"' for cell in row] if numbers else row
-    info, block, *rest = _decode('"az[g]","gx[dps]","comment"\n' + f"{','.join(cells)}\n" * 30)
+    info, *rest = _decode('"az[g]","gx[dps]","comment"\n' + f"{','.join(cells)}\n" * 30)
+    block = next(event for event in rest if isinstance(event, Block))
     assert isinstance(info, StreamInfo)
-    assert isinstance(block, Block)
     assert info.axes == ("gx", "az")
     assert block.counts[0].tolist() == [1.25, -0.5]
-    assert rest == []
+    assert _remarks(rest) == ["columns left out: comment"]
 
 
 def test_a_column_in_a_unit_that_nobody_knows_is_left_out_and_said() -> None:
     info, *events = _decode("gx[furlong],ay[g],mx[mG]\n" + "1,0.5,7\n" * 5)
     assert isinstance(info, StreamInfo)
     assert info.axes == ("ay",)
-    assert _remarks(events) == ["the unit of gx[furlong] is not known: that column is left out"]
+    assert _remarks(events) == [
+        "the unit of gx[furlong] is not known: that column is left out",
+        "columns left out: mx[mG]",
+    ]
 
 
 def test_a_row_that_no_sensor_can_have_measured_is_left_out() -> None:

@@ -216,6 +216,13 @@ class TextDecoder:
             for cell in cells
             if in_unknown_unit(cell)
         )
+        others = [
+            cell
+            for cell, column in zip(cells, columns, strict=False)
+            if column is None and cell and not in_unknown_unit(cell)
+        ]
+        if others:
+            left_out += (f"columns left out: {', '.join(others)[:_LONGEST_QUOTE]}",)
         if self._needs_confirmation(columns):
             return []
         self._left_out = left_out

@@ -7,6 +7,7 @@ over the DCT ordinates. N is known to 1 / sqrt(2 n); B and K depend on the lengt
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.grid import Grid
-from allanscope.noise.likelihood import Fit, Likelihood
+from allanscope.noise.likelihood import Fit, Likelihood, inverse
 from allanscope.noise.model import NoiseModel
 
 __all__ = ["relative_bounds", "wait_until"]
@@ -55,10 +56,28 @@ def relative_bounds(
     """
     if not isinstance(model, NoiseModel):
         model = NoiseModel(tuple(model), dt)
-    likelihood = _likelihood_of(max(32, round(duration / dt)), dt)
-    expected = likelihood.expected(model)
-    fit = Fit(likelihood, model, likelihood.value(expected), frozenset(), True, expected)
-    return dict(zip(fit.names, fit.relative_sd().tolist(), strict=True))
+    n = max(32, round(duration / dt))
+    likelihood = _likelihood_of(n, dt)
+    unit = replace(model, components=tuple(part.with_power(1.0) for part in model))
+    if unit.shapes:
+        expected = likelihood.expected(model)
+        fit = Fit(likelihood, model, likelihood.value(expected), frozenset(), True, expected)
+        return dict(zip(fit.names, fit.relative_sd().tolist(), strict=True))
+    power = np.array([part.power for part in model])
+    parts = power[:, np.newaxis] * _columns_of(n, unit)
+    parts *= np.sqrt(2 * likelihood.dof) / np.maximum(parts.sum(axis=0), likelihood.floor)
+    known = np.array([part.has_amplitude for part in model]) & (power > 0)
+    variance = np.full(len(power), np.inf)
+    variance[known] = np.diag(inverse(parts[known] @ parts[known].T))
+    numbers = zip(unit.numbers, variance[[free.part for free in unit.numbers]], strict=True)
+    return {unit.quantity(free).name: float(np.sqrt(max(one, 0.0))) for free, one in numbers}
+
+
+@lru_cache(maxsize=128)  # likewise, of some kilobytes
+def _columns_of(n: int, unit: NoiseModel) -> Array:
+    """Return what each component of a model gives the bins of a run of so many samples."""
+    likelihood = _likelihood_of(n, unit.dt)
+    return np.array([likelihood.column(unit, part) for part in unit])
 
 
 @lru_cache(maxsize=128)  # the waits for all numbers of all axes try the same lengths

@@ -30,7 +30,7 @@ from allanscope.noise.filters import combined_response
 from allanscope.noise.model import Free, NoiseModel
 from allanscope.optimise import minimise
 
-__all__ = ["Basis", "Fit", "Likelihood"]
+__all__ = ["Basis", "Fit", "Likelihood", "inverse"]
 
 Array = NDArray[np.float64]
 
@@ -38,8 +38,18 @@ _DIFFERENCE = 1e-3
 """Of the logarithm of a shape, for derivatives."""
 _SIMPLEX = 0.15
 """First step of a search, in logarithms of the shapes."""
+_SINGULAR = 1e-15
+"""Eigenvalues of the information below this part of the largest tell nothing."""
 _NATS = 1e-4
 """Gain below which a search for shapes ends."""
+
+
+def inverse(information: Array) -> Array:
+    """Return the covariance of an information matrix, as `numpy.linalg.pinv` in half the time."""
+    values, vectors = np.linalg.eigh(information)
+    size = np.abs(values)
+    kept = size > _SINGULAR * size.max(initial=0.0)
+    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
 
 
 class Likelihood:
@@ -59,7 +69,7 @@ class Likelihood:
         self.dof = np.concatenate([part.dof for part in evidence])
 
     @once
-    def _tiny(self) -> float:
+    def floor(self) -> float:
         """Floor of an expected power, so that a likelihood is finite for every model."""
         middle = len(self.power) // 2
         return max(1e-12 * float(np.partition(self.power, middle)[middle]), 1e-300)
@@ -80,7 +90,7 @@ class Likelihood:
         total = np.zeros(len(self.power))
         for component in model:
             total += self.column(model, component)
-        return np.maximum(total, self._tiny)
+        return np.maximum(total, self.floor)
 
     def of(self, model: NoiseModel) -> float:
         """Return the log-likelihood of a model."""
@@ -158,7 +168,7 @@ class Likelihood:
         """Find the powers that maximise the likelihood, beginning at `start` where it is given."""
         model, held = basis.model, basis.held
         if not any(basis.free):
-            expected = np.maximum(basis.fixed, self._tiny)
+            expected = np.maximum(basis.fixed, self.floor)
             return Fit(self, model, self.value(expected), held, True, expected)
         powers, loglik, expected = maximise(basis.columns, self.power, self.dof, basis.fixed, start)
         return Fit(self, basis.model_of(powers), loglik, held, True, expected)
@@ -278,7 +288,7 @@ class Fit:
         known = self.values > 0
         covariance = np.full((len(known), len(known)), np.inf)
         block = self.information[np.ix_(known, known)]
-        covariance[np.ix_(known, known)] = np.linalg.pinv(block, hermitian=True)
+        covariance[np.ix_(known, known)] = inverse(block)
         return covariance
 
     def relative_sd(self) -> Array:

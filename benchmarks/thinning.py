@@ -2,10 +2,12 @@
 
     python benchmarks/thinning.py [--quick] [--json FILE]
 
-Two tables, in per cent of the deviation. The first is the rms difference between the cascade's
+Three tables, in per cent of the deviation. The first is the rms difference between the cascade's
 terms (every 2^L-th above m = 64) and full overlap, at the longest m it is given for, a sixteenth of
 the run. The second is mean and rms difference between curves from the archive and from every
-sample, for rows of 16 samples and windows of the totals at every sixteenth of m.
+sample, for rows of 16 samples and windows of the totals at every sixteenth of m. The third is what
+the windows add that a bank leaves out of 7800 rows: rms difference from all windows, and by how
+much the standard deviation grows.
 """
 
 from __future__ import annotations
@@ -15,11 +17,13 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from allanscope.allan import AllanBank
-from allanscope.allan.estimators import REGISTRY
+from allanscope.allan.curves import _WINDOWS_PER_TAU
+from allanscope.allan.estimators import REGISTRY, theobr
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
 from allanscope.allan.estimators.theo1 import theo1_variance, thinned_theo1_variance
@@ -106,6 +110,37 @@ def archive(records: int, n: int) -> list[Row]:
     ]
 
 
+def windows(records: int, n: int) -> list[Row]:
+    """Compare values from the windows that a bank takes with those from all of them."""
+    plain = {"mtotdev": mtot_variance, "htotdev": htot_variance, "theo1": theo1_variance}
+    values: dict[tuple[str, str, int], list[tuple[float, float]]] = {}
+    for seed in range(records):
+        for noise, rates in noises(np.random.default_rng(200 + seed), n):
+            phase = to_phase(rates, 1.0)
+            for kind, variance in plain.items():
+                for k in (n // 32, n // 8, n // 4) + (n // 2,) * (kind == "theo1"):
+                    m = k // 2 * 2
+                    thinned = variance(phase, m, m // _WINDOWS_PER_TAU[kind])[0]
+                    full = variance(phase, m, max(m // 256, 1))[0]
+                    values.setdefault((kind, noise, m), []).append((thinned, full))
+            with patch.multiple(theobr, _MOST_RATIOS=n, _WINDOWS_PER_TAU=128):
+                full = theobr.theobr_ratio(phase)
+            ratios = values.setdefault(("ratio of TheoBR", noise, 0), [])
+            ratios.append((theobr.theobr_ratio(phase), full))
+    rows = []
+    for (kind, noise, m), pairs in values.items():
+        thinned, full = np.sqrt(np.transpose(pairs))
+        apart, mean = thinned - full, full.mean()
+        grows = np.sqrt(1 + apart.var() / full.var()) - 1
+        parts = np.sqrt(np.mean(apart**2)), full.std()
+        names = ("rms_percent", "sd_percent")
+        percent = {name: 100 * float(part / mean) for name, part in zip(names, parts, strict=True)}
+        rows.append(
+            {"kind": kind, "noise": noise, "m": m, **percent, "grows_percent": 100 * float(grows)}
+        )
+    return rows
+
+
 def table(rows: list[Row]) -> str:
     """Return the rows as text."""
     lines = ["".join(f"{head:>26}" for head in rows[0])]
@@ -124,6 +159,7 @@ def main() -> None:
     sections = {
         "cascade beside full overlap": cascade(records, 1 << 15),
         "archive beside all samples": archive(records, 1 << 14),
+        "windows of a bank beside all windows": windows(records, 7800),
     }
     for title, rows in sections.items():
         print(f"\n{title}\n{table(rows)}")

@@ -114,7 +114,7 @@ def test_thinned_totals_and_theo1_stay_near_those_of_the_full_rate(name):
     mtot, htot, theo1 = {
         "white PM": (0.015, 0.08, 0.06),
         "white FM": (0.005, 0.02, 0.02),
-    }.get(name, (0.001, 0.005, 0.004))
+    }.get(name, (0.003, 0.005, 0.004))
     allowed = {
         "mtotdev": (mtot_variance, mtot),
         "htotdev": (htot_variance, htot),

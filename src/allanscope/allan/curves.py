@@ -4,12 +4,14 @@ Three ways lead there: sums of the cascade; a multiple of another variance (TVAR
 the modified totals and the Theo family, the archive.
 
 As long as the archive has a row for each sample, and no more than 4096, every window is taken and
-the values are those of the definition. Then the totals' windows start at every sixteenth of m only,
-which scatters a deviation by less than 0.5 % rms (2 % for HTOT of phase noise). Once rows are
-joined m begins at 32 rows: the long taus for which these estimators exist, from 1/128 of the run
-up, all lie above that. The expectation is then within 0.1 % of the full rate for MTOT, HTOT and
-THEO1 (2 % for THEO1 of phase noise). TheoBR treats the picked phases as a record in its own right,
-which adds 1.7 % times 32 / rows for flicker and random walk; its share of TheoH begins at 500 rows.
+the values are those of the definition. Then MTOT's windows start at every eighth of m only, HTOT's
+at every sixteenth, and once rows are joined those of the Theo family at every 128th. That scatters
+a deviation by less than 1.1 % rms at an eighth of the run, a thirtieth of its standard deviation;
+HTOT and THEO1 of phase noise by 1.5 %, as much as that. Joined rows begin at 32 to an m: the long
+taus for which these estimators exist, from 1/128 of the run up, all lie above that. The expectation
+is then within 0.1 % of the full rate for MTOT, HTOT and THEO1 (2 % for THEO1 of phase noise).
+TheoBR treats the picked phases as a record in its own right, which adds 1.7 % times 32 / rows for
+flicker and random walk; its share of TheoH begins at 500 rows.
 All this is measured by `benchmarks/thinning.py`.
 
 How many samples more give a value (`samples_to_value`) follows from counts alone. A bank has
@@ -53,7 +55,8 @@ Ints = NDArray[np.int64]
 _ALL_WINDOWS = 4096
 """Rows up to which every window of a total is taken: half a second for six axes."""
 
-_WINDOWS_PER_TAU = 16
+_WINDOWS_PER_TAU = {"mtotdev": 8, "htotdev": 16, "theo1": 128, "theobr": 128}
+"""Windows that start within m, of a longer archive."""
 _FEWEST_ROWS = 32
 _FEWEST_PHASES = 10
 """Shortest window of the Theo family that SP 1065 recommends."""
@@ -163,9 +166,10 @@ class Curves:
     def _from_archive(self, estimator: Estimator) -> Sums:
         archive = self._archive
         factors = factors_of_rows(estimator, archive.stride, archive.used, self._cascade.per_octave)
-        few = archive.stride == 1 and archive.used <= _ALL_WINDOWS
-        every = few or estimator.name not in ("mtotdev", "htotdev")
-        step = np.ones_like(factors) if every else np.maximum(factors // _WINDOWS_PER_TAU, 1)
+        few = archive.used <= _ALL_WINDOWS or estimator.name in _THEO
+        every = few and archive.stride == 1
+        windows = factors if every else _WINDOWS_PER_TAU.get(estimator.name, factors)
+        step = np.maximum(factors // windows, 1)
         pooled = [self._pooled(estimator, axis, factors, step) for axis in range(archive.axes)]
         squares, terms, segments, covered = np.stack(pooled, axis=1)
         have = terms.any(axis=0)
@@ -190,7 +194,7 @@ class Curves:
         for segment, phase in enumerate(phases):
             fit = np.flatnonzero(factors < phase.size)
             if estimator.name in _THEO and archive.stride > 1:
-                found = self._theo(estimator.name, axis, segment, phase, factors[fit])
+                found = self._theo(estimator.name, axis, segment, phase, factors[fit], step[fit])
             else:
                 found = _windows(estimator, phase, factors[fit], step[fit], archive.stride)
             for t, (variance, windows) in zip(fit, found, strict=True):
@@ -200,7 +204,7 @@ class Curves:
         return pooled
 
     def _theo(
-        self, kind: str, axis: int, segment: int, phase: Floats, factors: Ints
+        self, kind: str, axis: int, segment: int, phase: Floats, factors: Ints, step: Ints
     ) -> list[tuple[float, int]]:
         """Return variance and windows of THEO1 or TheoBR, which weight the same sums."""
         stride = self._archive.stride
@@ -208,17 +212,17 @@ class Curves:
         if not np.isfinite(ratio):
             return [(np.nan, 0)] * len(factors)
         found = []
-        for k in factors.tolist():
+        for k, by in zip(factors.tolist(), step.tolist(), strict=True):
             at = axis, segment, k
             if at in self._profiles:  # the other has been asked for, each is once
                 profile = self._profiles.pop(at)
             else:
-                profile = self._profiles[at] = theo1_profile(phase, k)
+                profile = self._profiles[at] = theo1_profile(phase, k, by)
             if kind == "theobr":
                 variance = ratio * variance_of(profile) / stride**2
             else:
                 variance = thinned_variance_of(profile, stride)
-            found.append((variance, phase.size - k))
+            found.append((variance, len(range(0, phase.size - k, by))))
         return found
 
 

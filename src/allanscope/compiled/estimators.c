@@ -183,26 +183,26 @@ KERNEL(void, theobr_ratios)
     }
 }
 
-/* Sum over windows of THEO1's squares at each distance v, k // 2 of them; added to `profile`, a few
-   windows at a time, so that it is read and written less often. */
+/* Sum over windows, begun at every `stride`, of THEO1's squares at each distance v, k // 2 of them;
+   added to `profile`, a few windows at a time, so that it is read and written less often. */
 KERNEL(void, theo1_profile)
-(const double *restrict x, const double *restrict backward, int64_t n, int64_t k,
+(const double *restrict x, const double *restrict backward, int64_t n, int64_t k, int64_t stride,
  double *restrict profile) {
     int64_t half = k / 2, windows = n - k, i = 0;
-    for (; i + WINDOWS <= windows; i += WINDOWS) {
+    for (; i + (WINDOWS - 1) * stride < windows; i += WINDOWS * stride) {
         const double *left = x + i + 1, *right = backward + (windows - i);
         double ends[WINDOWS];
-        for (int w = 0; w < WINDOWS; w++) ends[w] = x[i + w] + x[i + w + k];
+        for (int w = 0; w < WINDOWS; w++) ends[w] = x[i + w * stride] + x[i + w * stride + k];
         for (int64_t v = 0; v < half; v++) {
             double sum = profile[v];
             for (int w = 0; w < WINDOWS; w++) {
-                double term = ends[w] - left[v + w] - right[v - w];
+                double term = ends[w] - left[v + w * stride] - right[v - w * stride];
                 sum += term * term;
             }
             profile[v] = sum;
         }
     }
-    for (; i < windows; i++) {
+    for (; i < windows; i += stride) {
         double ends = x[i] + x[i + k];
         const double *left = x + i + 1, *right = backward + (windows - i);
         for (int64_t v = 0; v < half; v++) {

@@ -120,7 +120,8 @@ def theo1_variance(phase: NDArray[np.float64], m: int, stride: int = 1) -> tuple
 
 _squares = kernel("theo1_squares", *(Pointer(np.float64, 1),) * 3, int, int, int, returns=float)
 _add_profile = kernel(
-    "theo1_profile", *(Pointer(np.float64, 1),) * 2, int, int, Pointer(np.float64, 1, written=True)
+    *("theo1_profile", *(Pointer(np.float64, 1),) * 2, int, int, int),
+    Pointer(np.float64, 1, written=True),
 )
 
 
@@ -215,14 +216,14 @@ def _sum_of_powers(last: float, exponent: float) -> float:
     return total
 
 
-def theo1_profile(phase: NDArray[np.float64], m: int) -> NDArray[np.float64]:
-    """Return the mean square over all windows at each distance v, shape (m // 2,).
+def theo1_profile(phase: NDArray[np.float64], m: int, stride: int = 1) -> NDArray[np.float64]:
+    """Return the mean square over windows at each distance v, shape (m // 2,).
 
     Weighted with 1/v and added up it is THEO1 (`variance_of`); m must be less than the phases.
     """
     x = np.ascontiguousarray(phase)
-    profile, windows = np.zeros(m // 2), x.size - m
-    _add_profile(x, x[::-1].copy(), x.size, m, profile)
+    profile, windows = np.zeros(m // 2), len(range(0, x.size - m, stride))
+    _add_profile(x, x[::-1].copy(), x.size, m, stride, profile)
     return profile / windows
 
 

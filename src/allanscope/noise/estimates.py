@@ -209,6 +209,7 @@ class _Penalised:
         components = fit.model.components
         units = [components[f.part].with_power(1.0) for f in free]
         self.columns = np.array([self.likelihood.column(fit.model, unit) for unit in units]).T
+        self.weight = np.sqrt(self.likelihood.dof / 2)
         self.rest = np.maximum(fit.expected - self.columns @ self.amplitudes**2, 0.0)
 
     def start(self) -> Array:
@@ -232,8 +233,8 @@ class _Penalised:
         data = self.likelihood
         score = 0.5 * relative.T @ (data.dof * (data.power / expected - 1))
         moved = _DIFFERENCE * np.eye(len(point))
-        beside = [[self._information(point + s * one)[1] for s in (1, -1)] for one in moved]
-        up, down = _log_determinant(np.array(beside)).T
+        beside = self._information(point + np.concatenate([moved, -moved]))[1]
+        up, down = _log_determinant(beside).reshape(2, -1)
         penalty = 0.5 * (up - down) / (2 * _DIFFERENCE) - 1
         return score + penalty, information
 
@@ -241,13 +242,13 @@ class _Penalised:
         """Return the model with these logarithms of amplitudes."""
         return self.fit.model.with_numbers(self.free, np.exp(point))
 
-    def _information(self, point: Array) -> tuple[Array, Array]:
-        powers = np.exp(2 * point)
-        expected = np.maximum(self.rest + self.columns @ powers, 1e-300)
-        relative = (
-            self.columns * (2 * powers) * (np.sqrt(self.likelihood.dof / 2) / expected)[:, None]
-        )
-        return expected, relative.T @ relative
+    def _information(self, points: Array) -> tuple[Array, Array]:
+        """Return expected powers, shape (..., b), and the information, at points (..., p)."""
+        powers = np.exp(2 * points)
+        expected = np.maximum(self.rest + powers @ self.columns.T, 1e-300)
+        relative = self.columns.T * (2 * powers)[..., np.newaxis]
+        relative *= (self.weight / expected)[..., np.newaxis, :]
+        return expected, relative @ np.swapaxes(relative, -1, -2)
 
 
 def _log_determinant(information: Array) -> Array:

@@ -88,11 +88,11 @@ def whitened(evidence: tuple[Evidence, ...], expected: Array) -> Bands:
 def _starts(log_f: Array, dof: Array) -> NDArray[np.int64]:
     """Return where bands begin: each a tenth of a decade wide, or until it has enough."""
     starts, have, since = [0], 0.0, log_f[0]
-    for i in range(len(dof)):
-        if have >= _FEWEST and log_f[i] - since >= 1 / _PER_DECADE:
+    for i, (at, more) in enumerate(zip(log_f.tolist(), dof.tolist(), strict=True)):
+        if have >= _FEWEST and at - since >= 1 / _PER_DECADE:
             starts.append(i)
-            have, since = 0.0, log_f[i]
-        have += dof[i]
+            have, since = 0.0, at
+        have += more
     if have < _FEWEST and len(starts) > 1:
         starts.pop()
     return np.array(starts)

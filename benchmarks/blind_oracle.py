@@ -27,7 +27,7 @@ from blind_effects import OUTSIDE, Truth
 from numpy.typing import NDArray
 
 from allanscope.explain import Budget, Explanation, explain
-from allanscope.explain.residual import deviation_of
+from allanscope.explain.series import deviation_of
 
 _RUNS = 4
 _FREE = 1e3
@@ -106,7 +106,7 @@ def _error(
     left = hidden - sum(result.signals[axis].values(), np.zeros(len(hidden)))
     squares = []
     for run in runs:
-        curve = deviation_of(run + left, rate)
+        curve = deviation_of((run + left)[:, np.newaxis], rate).axis(0)
         m = curve.m[curve.m <= len(run) // _LONGEST]
         modelled = result.models_after[axis].deviation("oadev", m)
         squares.append(np.mean((curve.deviation[: len(m)] / modelled - 1) ** 2))

@@ -26,7 +26,7 @@ from allanscope.analysis import Analyser
 from allanscope.analysis.analyser import loop_input
 from allanscope.analysis.coefficients import published_coefficients
 from allanscope.explain import AxisExplanation, Explanation, explain
-from allanscope.explain.residual import deviation_of
+from allanscope.explain.series import deviation_of
 from allanscope.history import Record
 from allanscope.noise import Coefficient, NoiseModel, gls_chi2
 from allanscope.noise.gap_bridging import bridge_gaps
@@ -106,7 +106,7 @@ def held_out_of(record: Record) -> dict[str, list[HeldOut]]:
             lines = [e.curve for e in result.axes[axis].effects if e.curve is not None]
             final = result.models_after[axis]
             final = NoiseModel((*final.components, *lines), final.dt, final.filters)
-            curve = deviation_of(other.values[:, column], other.rate_hz)
+            curve = deviation_of(other.values[:, [column]], other.rate_hz).axis(0)
             before, after = (
                 gls_chi2(curve, model, n=len(other.values), fitted=0)
                 for model in (result.models_before[axis], final)
@@ -268,7 +268,7 @@ def draw(record: Record, result: Explanation, axes: list[str], path: Path) -> No
         raw, cleaned = searched(record, result, axis)
         models = (result.models_before[axis], result.models_after[axis])
         for panel, values, model in zip((before, after), (raw, cleaned), models, strict=True):
-            curve = deviation_of(values, record.rate_hz)
+            curve = deviation_of(values[:, np.newaxis], record.rate_hz).axis(0)
             limits = factor * curve.lower, factor * curve.upper
             panel.fill_between(curve.tau, *limits, alpha=0.25, lw=0)
             panel.loglog(curve.tau, factor * curve.deviation, "o", ms=3, label="measured")

@@ -26,7 +26,7 @@ from allanscope.explain.gates import growth_remarks
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.known_effects import KnownEffects, known_of, signals_of
 from allanscope.explain.moves.drop import refuse
-from allanscope.explain.residual import deviation_of, error_of, same_ordinates, shares_of
+from allanscope.explain.residual import error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, observations, series_of, why_not_searched
 from allanscope.explain.view import Clock, View
@@ -155,7 +155,7 @@ def explain(
     if open_axes:
         # Shared by all axes, so computed before; an axis that fails on it will say so.
         with set_workers(1 + len(workers)), suppress(Exception):
-            _ = series.thermal, series.equal, series.loud, series.shocks
+            _ = series.thermal, series.equal, series.loud, series.shocks, series.deviation
     job = _Job(record, series, densities or {}, clock, budget)
     failures: dict[str, Exception] = {}
     with _Places(job, workers) as places:
@@ -292,7 +292,7 @@ def _explained(job: _Job, view: View) -> _Closed:
     textbook = _textbook(bare)
     before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
     before_model = before.model if before else textbook.spectrum.model
-    measured = deviation_of(bare.data, bare.grid.rate_hz)
+    measured = series.deviation.axis(series.column(axis))
     final = partial(_final, record, density, measured)
     after, after_model, error_after = final(view)
     evidence = same_ordinates(before, after) if before and after else ()

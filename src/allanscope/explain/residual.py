@@ -34,9 +34,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, ndtri, polygamma
 
-from allanscope.allan import AllanBank, Deviation
+from allanscope.allan import Deviation
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, Shares
+from allanscope.explain.series import deviation_of
 from allanscope.explain.view import View
 from allanscope.noise import NoiseFit, NoiseModel, gls_chi2
 from allanscope.noise.components import LineProfile, Ramp
@@ -48,7 +49,6 @@ from allanscope.noise.whiteness import whitened
 __all__ = [
     "Bands",
     "band_scores",
-    "deviation_of",
     "error_of",
     "excess_kurtosis",
     "excess_skewness",
@@ -61,8 +61,6 @@ Array = NDArray[np.float64]
 
 _BANDS = 60
 """Bands of the whitened spectrum, equally wide in log f, whose worst is reported."""
-_PER_OCTAVE = 2
-"""Averaging times an octave at which the curve is compared with the model."""
 _SURELY = 1.645
 """Standard deviations that sampling alone exceeds in one record of twenty."""
 _CLASSES = 64
@@ -165,16 +163,6 @@ def removes(view: View, candidate: Candidate) -> bool:
     return second < max(3.0, 0.5 * first)
 
 
-def deviation_of(data: Array, rate_hz: float) -> Deviation:
-    """Overlapping Allan deviation on a half-octave grid; its intervals are those of white noise.
-
-    They are not asked for here, and those of the noise at hand take longer than the deviation.
-    """
-    bank = AllanBank(rate_hz, axes=1, per_octave=_PER_OCTAVE)
-    bank.update(data[:, np.newaxis])
-    return bank.deviation("oadev", noise="WFM").axis(0)
-
-
 def error_of(
     view: View,
     model: NoiseModel,
@@ -194,7 +182,7 @@ def error_of(
     curve : Deviation, optional
         That of the data of the view, where it is known.
     """
-    curve = curve or deviation_of(view.data, view.grid.rate_hz)
+    curve = curve or deviation_of(view.data[:, np.newaxis], view.grid.rate_hz).axis(0)
     stride = view.grid.stride  # the model is one of samples
     curve = replace(curve, m=stride * curve.m)
     fitted = sum(

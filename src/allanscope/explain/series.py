@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
+from allanscope.allan import AllanBank, Deviation
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.values import Coincidence
 from allanscope.history import Record
@@ -33,6 +34,7 @@ __all__ = [
     "SHORTEST_S",
     "Series",
     "block_means",
+    "deviation_of",
     "in_time",
     "multiple_of",
     "observations",
@@ -74,6 +76,8 @@ _LONGEST_PERIOD = 256
 """Rows after which a pattern may begin anew: noise never does."""
 _FULL_SCALE = 32767
 """Largest number of a 16-bit sample."""
+_PER_OCTAVE = 2
+"""Averaging times an octave at which a curve is compared with a model."""
 _AT_THE_RAIL = 1e-4
 """Share of samples at full scale from which an axis is saturated."""
 
@@ -209,6 +213,11 @@ class Series:
         return tuple(find_shock_rows(rows, self.rate_hz, steps))
 
     @once
+    def deviation(self) -> Deviation:
+        """Deviation of every axis (`deviation_of`)."""
+        return deviation_of(self.values, self.rate_hz)
+
+    @once
     def coincidence(self) -> Coincidence:
         """How often rows are equal by chance."""
         return Coincidence.of(self.values, self.equal)
@@ -244,6 +253,21 @@ class Series:
             level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
             power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
         return power
+
+
+def deviation_of(values: Array, rate_hz: float) -> Deviation:
+    """Overlapping Allan deviation on a half-octave grid; its intervals are those of white noise.
+
+    They are not asked for here, and those of the noise at hand take longer than the deviation.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, axes)
+        Rows; several axes take hardly longer than one.
+    """
+    bank = AllanBank(rate_hz, values.shape[1], _PER_OCTAVE)
+    bank.update(values)
+    return bank.deviation("oadev", noise="WFM")
 
 
 def block_means(values: Array, blocks: int) -> Array:

@@ -125,6 +125,8 @@ def flat_band(density: Density) -> tuple[NDArray[np.bool_], bool, bool] | None:
     k, widest, low, high = len(index), -1.0, 0, 0
     # Some ranges at a time: what fits in the cache of the processor takes half of the time.
     for begin in range(0, k, _AT_A_TIME):
+        if np.log(frequency[-1] / frequency[begin]) <= widest:
+            break  # none of the others can be wider
         ends = np.arange(begin, k)
         first, last = np.meshgrid(ends[:_AT_A_TIME], ends, indexing="ij")
         rejected, slope_error = ranges.distances(begin)

@@ -256,6 +256,7 @@ class Envelope:
         self._waiting_time_s = np.zeros(BATCH)
         self._waiting_temperature_c = np.zeros(BATCH)
         self._waiting = 0
+        self._known: tuple[LineFit | None] | None = None  # what `fit` found, until more comes
 
     def add(
         self,
@@ -267,7 +268,7 @@ class Envelope:
 
         NaN where a time or a temperature is unknown.
         """
-        taken = 0
+        taken, self._known = 0, None
         while taken < len(index):
             size = min(BATCH - self._waiting, len(index) - taken)
             new, old = slice(self._waiting, self._waiting + size), slice(taken, taken + size)
@@ -285,8 +286,10 @@ class Envelope:
 
     def fit(self) -> LineFit | None:
         """Return the rate at which numbers pass, or None while too little is known."""
-        self._add_waiting()
-        return self._fit()
+        if self._known is None:
+            self._add_waiting()
+            self._known = (self._fit(),)
+        return self._known[0]
 
     def arrivals(
         self,

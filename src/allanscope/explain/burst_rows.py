@@ -36,6 +36,7 @@ from scipy.fft import rfft
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
 
+from allanscope.lazy import once
 from allanscope.median import median
 from allanscope.quantities import MAD_TO_SIGMA
 
@@ -181,13 +182,13 @@ def _loud_places(best: Array, limit: float) -> list[int]:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Whitened rows in deviations, cut and as they are, and the prediction error filter.
+    """Whitened rows in deviations, cut, where they come from, and the prediction error filter.
 
     With them the numbers of the rows that are repeated.
     """
 
     white: Array
-    uncut: Array
+    source: Array
     filter: Array
     repeated: NDArray[np.int64]
 
@@ -210,10 +211,15 @@ class _Rows:
         if own <= 0:
             return None
         errors /= own * scale
-        uncut = np.convolve(x, errors)[: len(x)]
-        uncut[:_ORDER] = 0.0
         numbers = np.flatnonzero(np.zeros(0, bool) if repeated is None else repeated)
-        return cls(np.clip(white / own, -_CUT, _CUT), uncut, errors, numbers)
+        return cls(np.clip(white / own, -_CUT, _CUT), x, errors, numbers)
+
+    @once
+    def uncut(self) -> Array:
+        """Whitened rows that were not cut; of most axes none is asked for."""
+        uncut = np.convolve(self.source, self.filter)[: len(self.source)]
+        uncut[:_ORDER] = 0.0
+        return uncut
 
     def passed(self, ordinate: float, size: int) -> float:
         """Return by what a swing was multiplied."""
@@ -286,9 +292,11 @@ class _Bank:
         mean = np.interp(np.arange(self.size + 1) / 2, np.arange(len(self.mean)), self.mean)
         noise = mean * energy / np.sum(self.form**2)
         relative = np.empty((len(starts), len(decays), self.size + 1))
-        for start, found in zip(starts.tolist(), relative, strict=True):  # stays in the cache
-            z = rfft(self.rows[start] * forms, 2 * self.size, axis=1)
-            np.divide(z.real**2 + z.imag**2, noise, out=found)
+        at_once = max(1, _AT_ONCE // forms.size)
+        for k in range(0, len(starts), at_once):
+            some = slice(k, k + at_once)
+            z = rfft(self.rows[starts[some], np.newaxis] * forms, 2 * self.size, axis=2)
+            np.divide(z.real**2 + z.imag**2, noise, out=relative[some])
         return relative
 
     def amplitude(self, starts: NDArray[np.int64], decays: Array) -> NDArray[np.complex128]:

@@ -28,6 +28,7 @@ from allanscope.analysis.curve_limits import limited_by_curve
 from allanscope.analysis.curves import curves_of_bank, curves_of_samples
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.disagreement import disagreement
+from allanscope.analysis.findings import line_of
 from allanscope.analysis.line_origin import clock_wander_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.readings import density_of, read_axis, tells_flat
@@ -184,10 +185,11 @@ def with_comparison(analysis: Analysis, references: Mapping[str, ReferenceCurve]
 
 def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple[str, int], Trace]:
     """Return what the findings come from; the other results do not depend on it."""
+    has_line = any(line_of(one.members[0].effect) for one in found.findings)
     return trace_findings(
         found.findings,
         given.record,
-        clock_wander_of(state.clock.arrivals()),
+        clock_wander_of(state.clock.arrivals()) if has_line else None,
         rate_ppm=found.rate.uncertainty_ppm,
         part=found.part,
         is_whole=not state.unknown_losses,

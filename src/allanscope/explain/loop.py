@@ -289,14 +289,16 @@ def _explained(job: _Job, view: View) -> _Closed:
     record, density = job.record, job.densities.get(view.axis)
     series, axis = view.series, view.axis
     bare = view.untouched()
-    textbook = _textbook(bare)
     before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
-    before_model = before.model if before else textbook.spectrum.model
+    if before is not None:
+        before_model, plain = before.model, bare
+    else:
+        textbook = _textbook(bare)
+        before_model, plain = textbook.spectrum.model, replace(textbook, data=bare.data)
     measured = series.deviation.axis(series.column(axis))
     final = partial(_final, record, density, measured)
     after, after_model, error_after = final(view)
     evidence = same_ordinates(before, after) if before and after else ()
-    plain = replace(textbook, data=bare.data)
     error_before = error_of(plain, before_model, before, evidence, measured)
     kept = refuse(view, error_before, error_after, lambda one: final(one)[2])
     if kept is not view:

@@ -9,7 +9,13 @@ from allanscope.allan import AllanBank
 from allanscope.allan.archive import Archive
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
-from allanscope.allan.estimators.theo1 import _sum_of_powers, theo1_variance, thinned_theo1_variance
+from allanscope.allan.estimators.theo1 import (
+    _sum_of_powers,
+    theo1_profile,
+    theo1_variance,
+    thinned_theo1_variance,
+    variance_of,
+)
 from allanscope.allan.estimators.theobr import theobr_ratio
 
 ROWS = 16
@@ -139,6 +145,30 @@ def test_thinned_theo1_has_no_bias_at_its_shortest_window(name, tolerance):
         assert windows == (1 << 13) // 16 + 1 - 32
         errors.append(np.sqrt(thinned / theo1_variance(phase, 512)[0]) - 1)
     assert abs(np.mean(errors)) < tolerance
+
+
+@pytest.mark.parametrize("stride", [1, 3, 7, 100, 1000])
+@pytest.mark.parametrize("m", [10, 64, 402])
+def test_a_profile_of_some_windows_is_theo1_of_the_same(m, stride):
+    phase = np.random.default_rng(3).normal(size=700).cumsum()
+    expected, windows = theo1_variance(phase, m, stride)
+    assert variance_of(theo1_profile(phase, m, stride)) == pytest.approx(expected, rel=1e-12)
+    assert windows == len(range(0, 700 - m, stride))
+
+
+def test_a_long_run_tells_how_many_windows_it_took():
+    """Rows of two samples: as many windows as start at every 128th of m, or of one row."""
+    bank = AllanBank(1.0, axes=1, per_octave=1)
+    bank.update(noises(1 << 14)["white FM"])
+    assert bank._archive.stride == 2
+    theo1, mtot = bank.deviation("theo1"), bank.deviation("mtotdev")
+    rows = theo1.m // 2
+    wanted = [len(range(0, (1 << 13) + 1 - k, max(k // 128, 1))) for k in rows.tolist()]
+    assert theo1.terms[0].tolist() == wanted
+    averaged = [
+        len(range(0, (1 << 13) - 3 * k + 1, max(k // 8, 1))) for k in (mtot.m // 2).tolist()
+    ]
+    assert mtot.terms[0].tolist() == averaged
 
 
 @pytest.mark.parametrize("exponent", [-1.0, -0.5, 0.0, 0.3, 1.0])

@@ -10,7 +10,7 @@ from allanscope.allan import AllanBank
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import REGISTRY
-from allanscope.allan.estimators.theo1 import thinned_theo1_variance
+from allanscope.allan.estimators.theo1 import theo1_profile, thinned_theo1_variance
 from allanscope.allan.shard import ALIGNED, BLOCK, Shard
 from allanscope.clock import Clock
 from allanscope.explain.effects.random_telegraph import posterior
@@ -74,6 +74,8 @@ def estimators() -> None:
                 if estimator.admits(m, n):
                     with np.errstate(all="ignore"):
                         estimator.exact(phase, m)
+    for stride in (1, 3, 150, 500):
+        theo1_profile(phase, 64, stride)
     thinned_theo1_variance(phase, 64, 8)
 
 

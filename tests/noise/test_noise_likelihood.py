@@ -17,7 +17,7 @@ from allanscope.noise.components import (
 from allanscope.noise.evidence import DensityBands, Ordinates, evidence_of, stretches_of
 from allanscope.noise.filters import Butterworth, HeldSamples
 from allanscope.noise.grid import Grid
-from allanscope.noise.likelihood import Likelihood
+from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import Free
 from allanscope.noise.whiteness import whitened
 from allanscope.spectrum import Density
@@ -33,6 +33,24 @@ def model_of(parts):
 
 def fit(data, parts, **options):
     return Likelihood(data).maximise(model_of(parts), **options)
+
+
+@pytest.mark.parametrize("zero", [False, True])
+def test_the_bound_is_the_information_of_a_fit_without_a_record(zero):
+    """Behind a filter with a shape of its own, which leaves the likelihood to say it."""
+    parts = (*TRUTH[:2], RandomWalk(0.0 if zero else 1e-4), AngleQuantization(1e-4))
+    plain = (*parts, Rounding(0.001))
+    filtered = NoiseModel(plain, DT, (Butterworth(1e6, 1.0),))
+    found, through = relative_bounds(plain, DT, 900.0), relative_bounds(filtered, DT, 900.0)
+    grid = Grid(1800, 1 / DT)
+    data = Likelihood([Ordinates(grid, np.ones_like(grid.count), grid.count)])
+    model = model_of(plain)
+    expected = data.expected(model)
+    fit = Fit(data, model, 0.0, frozenset(), True, expected)
+    assert list(found) == list(fit.names)
+    np.testing.assert_allclose(list(found.values()), fit.relative_sd(), rtol=1e-9)
+    assert set(through) > set(found)
+    assert np.isinf(found["K"]) == zero
 
 
 def loglik(data, parts):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
@@ -455,9 +455,7 @@ def _detection_limits(view: View) -> tuple[str, ...]:
     n = view.grid.n
     top = float(spectrum.at(np.array([view.grid.rate_hz / 8]))[0])
     line = np.sqrt(4 * top / n * (np.log(0.75 * n / 1e-3) + 2))
-    k = np.arange(1, view.grid.low + 1)
-    shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
-    step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
+    step = 6.3 / np.sqrt(np.sum(_of_a_step(n, view.grid.low) / spectrum.first(view.grid.low)))
     limits = (
         f"detection limits in {duration(view.series.duration_s)}: line "
         f"{measured(line, unit=view.unit)} (at {view.grid.rate_hz / 8:.3g} Hz)"
@@ -469,3 +467,10 @@ def _detection_limits(view: View) -> tuple[str, ...]:
             "the high-pass: B and K are those of the filtered values",
         )
     return (f"{limits}, step {measured(step, unit=view.unit)}",)
+
+
+@lru_cache(maxsize=2)  # all axes of a record have as many
+def _of_a_step(n: int, ordinates: int) -> Array:
+    """Return the squares of the first ordinates of n rows that go one up in the middle."""
+    k = np.arange(1, ordinates + 1)
+    return np.asarray(np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from allanscope.explain.effect import Effect, Estimate, Parameter
 from allanscope.explain.given_detection import given_detection
 from allanscope.labels import kind_name
+from allanscope.lazy import once
 from allanscope.noise.part import Part
 
 if TYPE_CHECKING:
@@ -100,8 +101,11 @@ class Candidate:
 
     def finished(self) -> Candidate:
         """Return it with intervals and signal, which cost more than the gain it is ranked by."""
-        if self.finish is None:
-            return self
+        return self if self.finish is None else self._finished
+
+    @once
+    def _finished(self) -> Candidate:
+        assert self.finish is not None
         effect, signal = self.finish()
         return replace(self, effect=effect, signal=signal, finish=None)
 

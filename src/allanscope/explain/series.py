@@ -20,7 +20,6 @@ from scipy.ndimage import uniform_filter1d
 
 from allanscope.allan import AllanBank, Deviation
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
-from allanscope.explain.values import Coincidence
 from allanscope.history import Record
 from allanscope.lazy import once
 from allanscope.median import medians
@@ -52,6 +51,8 @@ _MOST_BRIDGED = 0.1
 """With more long gaps than this share, the longest stretch without one is used instead."""
 _LONG = 1 << 14
 """Rows below which any transform is quick."""
+_MOVING = 0.9
+"""Share of equal neighbours below which an axis moves at all."""
 LOUD = 25.0
 """Power of an ordinate over the noise around it that noise hardly has: it holds a line."""
 _WIDTH, _STANDS_OUT, _SKIRT = 32, 2.5, 0.05
@@ -218,9 +219,9 @@ class Series:
         return deviation_of(self.values, self.rate_hz)
 
     @once
-    def coincidence(self) -> Coincidence:
-        """How often rows are equal by chance."""
-        return Coincidence.of(self.values, self.equal)
+    def moving(self) -> tuple[int, ...]:
+        """Columns of which not nearly every row equals the row before."""
+        return tuple(np.flatnonzero(self.equal.mean(axis=0) < _MOVING).tolist())
 
     @once
     def products(self) -> Array:

@@ -46,8 +46,6 @@ _FEWEST_EQUAL = 3
 """Equal rows that tell of a dependence; one or two of them are nothing but chance."""
 _ALIKE = 2.0
 """Scatter over that of counting which the correlation of the noise may make."""
-_MOVING = 0.9
-"""Share of equal neighbours below which an axis moves at all."""
 
 
 def step_of(samples: Array, lsb: float) -> float:
@@ -154,17 +152,14 @@ class Coincidence:
 
     Attributes
     ----------
-    moving : tuple of int
-        Columns of which not nearly every row equals the row before.
     dependence : float
-        How much more often all of these are equal at once than if each were by itself; 1 at least.
+        How much more often all axes are equal at once than if each were by itself; 1 at least.
     limit : float
         What it may be at most.
     far : float
         Share of the rows at a distance that are equal on all of them.
     """
 
-    moving: tuple[int, ...]
     dependence: float
     limit: float
     far: float
@@ -180,16 +175,13 @@ class Coincidence:
         equal : ndarray of bool, shape (n - 1, axes)
             Whether a row equals the row before, axis by axis.
         """
-        moving = tuple(np.flatnonzero(equal.mean(axis=0) < _MOVING).tolist())
-        if len(moving) < 2:
-            return cls(moving, 1.0, 1.0, 0.0)
-        columns = np.ascontiguousarray(values[:, moving].T)
-        repeat = np.logical_and.reduce(equal[:, moving], axis=1)
+        columns = np.ascontiguousarray(values.T)
+        repeat = np.logical_and.reduce(equal, axis=1)
         single = 1.0 - float(repeat.mean())  # of equal rows, those that are not of the same run
         found, counts = [], []
         for lag in beyond_runs(repeat):
             same = columns[:, lag:] == columns[:, :-lag]
-            apart = float(np.prod(same.mean(axis=1)))
+            apart = float(np.prod([np.count_nonzero(own) / same.shape[1] for own in same]))
             together = np.count_nonzero(np.logical_and.reduce(same, axis=0))
             counts.append(together)
             found.append(
@@ -198,7 +190,7 @@ class Coincidence:
         count = float(sum(counts)) / max(len(counts), 1)
         relative = np.full(len(found), 1.0 / np.sqrt(max(count * single, 1.0)))
         typical, limit = typical_and_limit(np.array(found), relative)
-        return cls(moving, max(1.0, typical), max(1.0, limit), count / len(values))
+        return cls(max(1.0, typical), max(1.0, limit), count / len(values))
 
 
 def beyond_runs(repeat: NDArray[np.bool_]) -> range:

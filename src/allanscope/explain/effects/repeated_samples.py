@@ -100,7 +100,7 @@ class RepeatedSamples(EffectKind):
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Count equal neighbours."""
         series = view.series
-        column, moving = series.column(view.axis), series.coincidence.moving
+        column, moving = series.column(view.axis), series.moving
         if column not in moving:
             return []
         sensor = tuple(c for c in moving if series.axes[c][0] == view.axis[0])
@@ -110,8 +110,9 @@ class RepeatedSamples(EffectKind):
         slowest, own = max(together, key=lambda one: one[0][0], default=(_NONE, sensor))
         if 1 - slowest[0] < _SLOWER * (1 - found[0]):
             found, columns = slowest, own
-        alone, least = _counted(view, (column,)), _ALONE if len(sensor) > 1 else 0.0
-        if alone[1] > found[1] and alone[0] >= max(3 * found[0], least):
+        least = max(3 * found[0], _ALONE if len(sensor) > 1 else 0.0)
+        alone = _counted(view, (column,), least)
+        if alone[1] > found[1] and alone[0] >= least:
             found, columns = alone, (column,)
         fraction, gain, rows = found
         equal = series.equal[:, columns]
@@ -123,18 +124,20 @@ class RepeatedSamples(EffectKind):
         return [Candidate(cls(share), gain, float(np.log(2)), parts=(held,), axes=axes)]
 
 
-def _counted(view: View, columns: tuple[int, ...]) -> tuple[float, float, float]:
-    """Return fraction, gain and error factor of some axes, counted once for all of them."""
+def _counted(
+    view: View, columns: tuple[int, ...], least: float = 0.0
+) -> tuple[float, float, float]:
+    """Return fraction, gain and error factor of some axes, counted once for all of them.
+
+    Of one axis alone, nothing where the fraction is below the least.
+    """
     series = view.series
     if columns not in series.repeats:
         equal = series.equal[:, columns]
         if len(columns) == 1:
-            series.repeats[columns] = _alone(view, equal[:, 0])
+            series.repeats[columns] = _alone(view, equal[:, 0], least)
         else:
-            by_chance = series.coincidence
-            if columns != by_chance.moving:
-                by_chance = Coincidence.of(series.values[:, columns], equal)
-            series.repeats[columns] = _together(equal, by_chance)
+            series.repeats[columns] = _together(series.values[:, columns], equal)
     return series.repeats[columns]
 
 
@@ -161,7 +164,7 @@ def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:
     return HeldSamples(min(fraction, 0.95))
 
 
-def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, float, float]:
+def _together(values: Array, equal: NDArray[np.bool_]) -> tuple[float, float, float]:
     """Return fraction, gain and error factor from all axes repeating at once.
 
     With a share d of repeated rows, axis i repeats with P_i = d + (1 - d) p_i and all of them with
@@ -169,9 +172,13 @@ def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, 
     """
     n, axes = equal.shape
     each, share = equal.mean(axis=0), float(equal.all(axis=1).mean())
-    dependence = by_chance.dependence
-    chance = by_chance.limit * float(np.prod(each))
+    chance = float(np.prod(each))  # of independent axes: the least
     if share * n < 3 or share < _BEYOND * chance:
+        return _NONE
+    by_chance = Coincidence.of(values, equal)
+    dependence = by_chance.dependence
+    chance *= by_chance.limit
+    if share < _BEYOND * chance:
         return _NONE
 
     def excess(d: float) -> float:
@@ -185,7 +192,7 @@ def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, 
     return fraction, share * n * float(np.log(share * n / floor)) - (share * n - floor), 1.0
 
 
-def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float]:
+def _alone(view: View, equal: NDArray[np.bool_], least: float) -> tuple[float, float, float]:
     """Return the same from one axis, by the differences of neighbours and of far rows."""
     whole = _within_limits(view)
     if np.count_nonzero(np.isfinite(whole)) < _FEWEST:
@@ -195,15 +202,16 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float]:
     if view.step <= 0:
         return _among_small(whole, samples, lags)
     codes = _apart(whole, 1, view.step)
-    if np.std(codes) / np.sqrt(2) < _FINEST:
+    scatter = float(np.std(codes))
+    if scatter / np.sqrt(2) < _FINEST:
         return _NONE
-    reach = int(np.clip(np.std(codes), 3, 12))
+    reach = int(np.clip(scatter, 3, 12))
     fit = _zeros(codes, reach)
     if fit is None:
         return _among_small(whole, samples, lags)
     zeros, expected, sigma2 = fit
     variance = expected + expected**2 * sigma2
-    if zeros <= expected:  # far rows can only add to what is expected
+    if zeros - expected <= least * len(codes):  # far rows can only add to what is expected
         return 0.0, 0.0, float(np.sqrt(variance))
     far = [_zeros(_apart(samples, lag, view.step), reach) for lag in lags]
     known = [one for one in far if one is not None]

@@ -435,9 +435,12 @@ def test_a_search_for_a_band_is_left_where_it_has_become_a_line(monkeypatch) -> 
 def test_what_a_scan_says_of_a_step_is_its_score_and_information() -> None:
     """The information of every box is that of its ordinates under the fitted noise."""
     view = view_of(noise(12))
-    first, last = np.array([1000, 17, 2500]), np.array([1200, 5000, 5990])
     variance = view.spectrum.ordinates
-    for gain, a, b in zip(view.scan.box(first, last), first, last, strict=True):
+    boxes = [(range(1000, 1500, 150), 200), (range(17, 18), 4983), (range(2500, 2501), 3490)]
+    found = [
+        (a, a + n, g) for at, n in boxes for a, g in zip(at, view.scan.boxes(at, n), strict=True)
+    ]
+    for a, b, gain in found:
         box = ordinates_of(((a / RATE - 1e-9 <= TIME) & (b / RATE - 1e-9 > TIME)).astype(float))
         score, information = np.sum(box * view.ordinates / variance), np.sum(box**2 / variance)
         assert gain == pytest.approx(score**2 / information / 2, rel=1e-3)

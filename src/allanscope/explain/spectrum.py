@@ -352,19 +352,26 @@ class StepScan:
         )
         cells = np.asarray(dct(np.append(q[:-1], 2 * q[-1]), type=1)) / 2
         at = np.arange(grid.n + 1) * (self.cells / grid.n)
-        self._sum = np.interp(at, np.arange(self.cells + 1), cells)
-
-    def _cosine_sum(self, u: Ints) -> Array:
-        """F at u samples, 0 to 2 n, even about n; linear between the cells."""
-        return np.asarray(self._sum[np.minimum(u, 2 * self.n - u)])
+        half = np.interp(at, np.arange(self.cells + 1), cells)
+        self._sum = np.concatenate([half, half[-2::-1]])
+        """F at 0 to 2 n samples, even about n; linear between the cells."""
 
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""
         return self._gain(*self._of_step(at))
 
-    def box(self, first: Ints, last: Ints) -> Array:
-        """Gain of a box from `first` to before `last`."""
-        return self._gain(*self._of_box(first, last))
+    def boxes(self, first: range, rows: int) -> Array:
+        """Gain of boxes of so many rows that begin at evenly spaced samples."""
+        begin, end, step = first.start, first.stop, first.step
+        information = (
+            2 * self._sum[0]
+            - self._sum[2 * begin : 2 * end : 2 * step]
+            - self._sum[2 * (begin + rows) : 2 * (end + rows) : 2 * step]
+            - 2 * self._sum[rows]
+            + 2 * self._sum[2 * begin + rows : 2 * end + rows : 2 * step]
+        ) / self.n
+        score = self.score[begin:end:step] - self.score[begin + rows : end + rows : step]
+        return self._gain(score, information)
 
     def place_of_step(self, at: Ints) -> Place:
         """Return where among samples a step is."""
@@ -376,15 +383,15 @@ class StepScan:
 
     def _of_step(self, at: Ints) -> tuple[Array, Array]:
         """Return scores and information."""
-        return self.score[at], (self._sum[0] - self._cosine_sum(2 * at)) / self.n
+        return self.score[at], (self._sum[0] - self._sum[2 * at]) / self.n
 
     def _of_box(self, first: Ints, last: Ints) -> tuple[Array, Array]:
         information = (
             2 * self._sum[0]
-            - self._cosine_sum(2 * first)
-            - self._cosine_sum(2 * last)
-            - 2 * self._cosine_sum(last - first)
-            + 2 * self._cosine_sum(first + last)
+            - self._sum[2 * first]
+            - self._sum[2 * last]
+            - 2 * self._sum[last - first]
+            + 2 * self._sum[first + last]
         ) / self.n
         return self.score[first] - self.score[last], information
 

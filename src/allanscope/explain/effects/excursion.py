@@ -205,11 +205,11 @@ def _boxes(view: View) -> list[tuple[int, int]]:
     found = []
     while width <= longest:
         beside = width // _BESIDE if is_short else width
-        first = np.arange(beside, n - width - beside, cell)
-        if len(first):
-            gains = scan.box(first, first + width)
+        first = range(beside, n - width - beside, cell)
+        if first:
+            gains = scan.boxes(first, width)
             j = int(np.argmax(gains))
-            found.append((float(gains[j]), int(first[j]), int(first[j] + width)))
+            found.append((float(gains[j]), first[j], first[j] + width))
         width = int(width * 1.25) + 1
     found.sort(reverse=True)
     return [(a, b) for _, a, b in found[:_PROPOSALS]]

@@ -286,12 +286,14 @@ def block_means(values: Array, blocks: int) -> Array:
 
 
 def in_time(ordinates: Array) -> Array:
-    """Return the samples without a mean whose DCT-II ordinates are these, shape (n,) of (n - 1,).
+    """Return the samples without a mean whose DCT-II ordinates are these, (..., n) of (..., n - 1).
 
     >>> in_time(np.array([1.0, 0.0])).round(3).tolist()
     [0.707, 0.0, -0.707]
     """
-    return np.asarray(idct(np.concatenate([[0.0], ordinates]), norm="ortho", overwrite_x=True))
+    padded = np.zeros((*ordinates.shape[:-1], ordinates.shape[-1] + 1))
+    padded[..., 1:] = ordinates
+    return np.asarray(idct(padded, norm="ortho", overwrite_x=True))
 
 
 def _beside(loud: NDArray[np.bool_]) -> NDArray[np.bool_]:

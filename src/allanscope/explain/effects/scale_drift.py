@@ -116,14 +116,17 @@ def _power(view: View) -> tuple[Array, Array]:
     kept, white = view.spectrum.kept, view.whitened
     n = len(white)
     edges = np.geomspace(max(1.0, _LOWEST * n), n, _BANDS + 1).astype(int)
+    bands = [
+        (low, high, most)
+        for low, high in pairwise(edges)
+        if (most := np.count_nonzero(kept[low:high]) / _BLOCKS) >= _FEWEST
+    ]
+    ordinates = np.zeros((len(bands), n))
+    for own, (low, high, _) in zip(ordinates, bands, strict=True):
+        own[low:high] = white[low:high]
     powers, freedoms = [], []
-    for low, high in pairwise(edges):
-        most = np.count_nonzero(kept[low:high]) / _BLOCKS
-        if most < _FEWEST:
-            continue
-        band = np.zeros_like(white)
-        band[low:high] = white[low:high]
-        squares = in_time(band) ** 2
+    for own, (*_, most) in zip(in_time(ordinates), bands, strict=True):
+        squares = own**2
         squares = np.minimum(squares, _CAP * squares.mean())
         power = block_means(squares, _BLOCKS)
         # What neighbours differ by more than chance makes them tells less of the level.

@@ -11,6 +11,8 @@ A `Correlated` component says such an autocovariance, and has nothing else to sa
 
 from __future__ import annotations
 
+import cmath
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
@@ -58,8 +60,10 @@ class ExponentialCovariance:
         object.__setattr__(self, "rates", rates)
 
     @classmethod
-    def second_order(cls, natural: float, damping: float) -> ExponentialCovariance:
-        """Return the unit-variance second-order process sampled at unit intervals.
+    def second_order(
+        cls, natural: float, damping: float, variance: float = 1.0
+    ) -> ExponentialCovariance:
+        """Return the second-order process of a variance sampled at unit intervals.
 
         gamma(t) = exp(-z w0 t) (cos wd t + (z w0 / wd) sin wd t), wd = w0 sqrt(1 - z^2): position
         of a damped oscillator that white force drives.
@@ -71,9 +75,9 @@ class ExponentialCovariance:
         damping : float
             z, between 0 and 1, excluded.
         """
-        damped = natural * np.sqrt(1 - damping**2)
-        amplitude = 1 - 1j * damping * natural / damped
-        return cls((complex(amplitude),), (complex(damping * natural, -damped),))
+        damped = natural * math.sqrt(1 - damping**2)
+        amplitude = (1 - 1j * damping * natural / damped) * variance
+        return cls((amplitude,), (complex(damping * natural, -damped),))
 
     def autocovariance(self, h: ArrayLike) -> Array:
         """Return gamma at lags in samples."""
@@ -95,11 +99,12 @@ class ExponentialCovariance:
 
     def _poles(self) -> list[tuple[float, float, float, float]]:
         """Re(a sinh e / (cosh e - cos w)) with the difference written without cancellation."""
-        pairs = (
-            (complex(a * np.sinh(e)), complex(2 * np.sinh(e / 2) ** 2))
-            for a, e in zip(self.amplitudes, self.rates, strict=True)
-        )
-        return [(above.real, above.imag, gap.real, gap.imag) for above, gap in pairs]
+        poles = []
+        for a, e in zip(self.amplitudes, self.rates, strict=True):
+            half = cmath.sinh(e / 2)  # of one number, in a fraction of the time of numpy's
+            above, gap = a * cmath.sinh(e), 2 * half * half
+            poles.append((above.real, above.imag, gap.real, gap.imag))
+        return poles
 
     def misfit(self, variance: float, square: Array, power: Array, beside: Array) -> float:
         r"""Return what Whittle's likelihood of such noise beside other is, times -2 a bin.
@@ -118,7 +123,7 @@ class ExponentialCovariance:
         float
             :math:`\sum_b \ln \lambda_b + p_b / \lambda_b`.
         """
-        poles = np.array([(variance, *pole) for pole in self._poles()]).ravel()
+        poles = np.array([number for pole in self._poles() for number in (variance, *pole)])
         white, tilt = variance * self.delta, 2 * variance * self.neighbour
         count = len(self.rates)
         return float(_misfit(square, power, beside, len(square), white, tilt, poles, count))

@@ -65,8 +65,8 @@ class Narrowband(Correlated, _InBand):
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
         damping = min(self.bandwidth / self.frequency, _WIDEST) / 2
-        unit = ExponentialCovariance.second_order(2 * np.pi * self.frequency * dt, damping)
-        return ExponentialCovariance((unit.amplitudes[0] * self.sigma**2,), unit.rates)
+        natural = 2 * np.pi * self.frequency * dt
+        return ExponentialCovariance.second_order(natural, damping, self.sigma**2)
 
     def band_density(self, f: ArrayLike, width: ArrayLike, dt: float) -> Array:
         """Return the mean over each band, which may be wider than the resonance."""

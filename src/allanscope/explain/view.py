@@ -273,13 +273,17 @@ class View:
         """Return the view with one more effect."""
         candidate = candidate.finished()
         data = self.data if candidate.signal is None else self.data - candidate.signal
-        return replace(
+        grown = replace(
             self,
             data=data,
             parts=self.parts + candidate.parts,
             excluded=self.excluded + candidate.excluded,
             accepted=(*self.accepted, candidate),
         )
+        if not candidate.changes_model:  # all that was computed still holds, but for the proposals
+            known = {name: value for name, value in vars(self).items() if name != "proposed"}
+            vars(grown).update(known | vars(grown))
+        return grown
 
     def without(self, *candidates: Candidate) -> View:
         """Return the view without some of its effects."""

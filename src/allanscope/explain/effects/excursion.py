@@ -91,8 +91,8 @@ class Excursion(PlacedSignal):
         boxes = _boxes(view)
         if not boxes:
             return []
-        rows = max(boxes, key=lambda rows: joint_fit(view, _column(view, *rows)).gain)
-        best = cls._at(view, *rows)
+        fits = [(cls._at(view, *rows), rows) for rows in boxes]
+        best, rows = max(fits, key=lambda fit: fit[0].gain)
         uneven = local_power_ratio(view.data, view.grid.rate_hz, *rows)
         best = replace(best, gain=best.gain / uneven)
         return [(cls._near(view, *rows) or best) if best.excess > 0 else best]

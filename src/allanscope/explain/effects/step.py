@@ -128,17 +128,17 @@ class Step(Jump, PlacedSignal):
         if len(at) == 0:
             return []
         statistic = view.scan.step(at)
-        found: list[tuple[float, int]] = []
+        found: list[tuple[Candidate, int]] = []
         for _ in range(_PROPOSALS):
             k = int(np.argmax(statistic))
             if statistic[k] <= 1.0:
                 break
-            found.append((joint_fit(view, _column(view, int(at[k]))).gain, int(at[k])))
-            statistic[np.abs(at - at[k]) < max(edge, n // 100)] = 0.0
+            start = int(at[k])
+            found.append((cls._at(view, Estimate.exact(start / rate, "s")), start))
+            statistic[np.abs(at - start) < max(edge, n // 100)] = 0.0
         if not found:
             return []
-        start = max(found, key=lambda one: one[0])[1]
-        best = cls._at(view, Estimate.exact(start / rate, "s"))
+        best, start = max(found, key=lambda one: one[0].gain)
         if _is_hop(view, best):
             return []
         best = replace(best, gain=best.gain / local_power_ratio(view.data, rate, start, start))

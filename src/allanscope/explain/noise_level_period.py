@@ -63,7 +63,7 @@ def noise_level_period(innovations: NDArray[np.float64], rate_hz: float) -> floa
     squares = np.minimum(squares, _LOUDEST * float(squares.mean()))
     power = np.abs(rfft(squares - squares.mean(), size)) ** 2
     gain = np.zeros(len(power))
-    gain[lowest:] = power[lowest:] / running_level(power, lowest)
+    gain[lowest:] = power[lowest:] / running_level(power[lowest:])
     strongest = float(gain.max(initial=0.0))
     if strongest < np.log(n / ALPHA):
         return None

@@ -102,11 +102,13 @@ class CrossCoupling(EffectKind):
         """Regress on every other axis."""
         taken = {c.effect.source.value for c in view.accepted if isinstance(c.effect, cls)}
         free = [a for a in view.series.axes if a != view.axis and a not in taken]
-        return [found for a in free if (found := _candidate(view, a)) is not None]
+        own = _without_temperature(view, view.ordinates)
+        return [found for a in free if (found := _candidate(view, a, own)) is not None]
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate the slope again."""
-        return _candidate(view, str(self.source.value))
+        own = _without_temperature(view, view.ordinates)
+        return _candidate(view, str(self.source.value), own)
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the other axis with the slope that is known."""
@@ -121,12 +123,13 @@ class CrossCoupling(EffectKind):
         return interleaved_signal(view, x[np.newaxis], candidate.gain)
 
 
-def _candidate(view: View, source: str) -> Candidate | None:
+def _candidate(view: View, source: str, d: Array) -> Candidate | None:
+    """Regress the ordinates of an axis, `d` without the temperature, on those of a source."""
     x = view.cleaned_source(source)
     ordinates = view.source_ordinates(source)
     if not np.any(ordinates):
         return None
-    d, e = _without_temperature(view, view.ordinates), _without_temperature(view, ordinates)
+    e = _without_temperature(view, ordinates)
     loud = view.source_is_loud(source) | (view.squares > LOUD * view.spectrum.ordinates)
     loud |= view.source_has_line(view.axis) | view.source_has_line(source)
     weight = (view.spectrum.kept & ~loud) / view.spectrum.ordinates

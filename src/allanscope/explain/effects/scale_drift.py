@@ -156,9 +156,14 @@ def _fit(
 ) -> tuple[float, float]:
     """Return the likeliest slope, and what it gains over none."""
     known = np.ones(power.shape[1], np.bool_) if known is None else known
+    power = power[:, known]
+    level, weight = np.log(power.mean(axis=1)), freedom * power.shape[1] / 2
 
     def loss(slope: float) -> float:
-        return -float(_gains(power, freedom, slope, known)[known].sum())
+        """Return minus the sum of `_gains`: all levels at their best, each power over its is 1."""
+        square = _scale(slope, len(known))[known] ** 2
+        scaled = np.log((power / square).mean(axis=1))
+        return float(weight @ (scaled - level) + freedom.sum() * np.log(square).sum() / 2)
 
     slope, least = minimise_between(loss, -_STEEPEST, _STEEPEST, within=1e-4)
     return slope, -least

@@ -33,7 +33,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
-from allanscope.explain.running_level import running_level
+from allanscope.explain.running_level import hold_a_line, running_level
 from allanscope.explain.slow_waves import SlowWaves
 from allanscope.explain.stationarity import constancy
 from allanscope.explain.view import View
@@ -263,18 +263,20 @@ def _fast_lines(view: View) -> list[float]:
     n, rate = view.grid.n, view.grid.rate_hz
     size = next_fast_len(2 * n, real=True)
     power = np.abs(rfft(view.data - view.data.mean(), size)) ** 2 / n
+    lowest, price = int(_SLOW_CYCLES * size / n) + 1, float(np.log(0.75 * n / ALPHA))
+    if not hold_a_line(power[lowest:], price):
+        return []
     frequency = np.arange(len(power)) * rate / size
-    lowest = int(_SLOW_CYCLES * size / n) + 1
     ordinate = np.clip((frequency[lowest:] * 2 * n / rate).astype(int) - 1, 0, n - 2)
     inside = minimum_filter1d(view.spectrum.kept, 2 * _MARGIN + 1)[ordinate]
     # A resonance in the model is narrower than the blocks of the running level.
-    level = np.maximum(running_level(power, lowest), view.spectrum.ordinates[ordinate])
+    level = np.maximum(running_level(power[lowest:]), view.spectrum.ordinates[ordinate])
     ratio = np.where(inside, power[lowest:] / level, 0.0)
     found = []
     for _ in range(_PROPOSALS):
         best = int(np.argmax(ratio))
         gain = float(ratio[best])
-        if gain < np.log(0.75 * n / ALPHA):
+        if gain < price:
             break
         found.append(float(frequency[best + lowest]))
         ratio[max(0, best - 12) : best + 12] = 0.0

@@ -63,9 +63,9 @@ _NARROWEST, _COLLAPSED = 1.5, 0.5
 """Ordinates below which a band is as wide as a line, and below which a fit will not return."""
 _ROUNDS = 3
 """Times that window and band are found from each other."""
-_HOPELESS = 0.5
-"""Share of the penalty below which the first fit stands: what another shape and another background
-add to so faint a band are a few nats."""
+_HOPELESS = 0.65
+"""Share of the penalty below which the first fit stands: another shape and another background would
+have to add 6 nats to so faint a band. Of some hundred near the penalty none gained 4 more."""
 _ROUGHLY = 0.1
 """Nats, and in log width, to which a band is followed at first, and further only if it has hope."""
 _PENALTY = calibrated_penalty("narrowband")
@@ -367,12 +367,14 @@ def _fit(view: View, start: int, width: int) -> Fitted | None:
 
     def likeliest(shapes: tuple[Shape, ...]) -> Fitted | None:
         fits = (_fit_shape(view, start, width, shape) for shape in shapes)
-        return max((fit for fit in fits if fit is not None), key=_gain, default=None)
+        return max((fit for fit in fits if isinstance(fit, tuple)), key=_gain, default=None)
 
-    best = likeliest((_resonance,))
-    if best is not None and _is_hopeless(view, _gain(best)):
-        return best
-    others = (best, likeliest((_wandering,)))
+    first = _fit_shape(view, start, width, _resonance)
+    if isinstance(first, _FaintLine):
+        return None
+    if first is not None and _is_hopeless(view, _gain(first)):
+        return first
+    others = (first, likeliest((_wandering,)))
     best = max((fit for fit in others if fit is not None), key=_gain, default=None)
     if best is None or best[1].gain < _SHAPELY:
         return best
@@ -382,7 +384,12 @@ def _fit(view: View, start: int, width: int) -> Fitted | None:
     return best if flat is None else max(best, flat, key=_gain)
 
 
-def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | None:
+@dataclass(frozen=True)
+class _FaintLine:
+    """What is as narrow as a line, where all shapes are one, and gains less than the penalty."""
+
+
+def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | _FaintLine | None:
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
@@ -409,7 +416,9 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         )
         point = found.x
         f0, w = float(point[2]), float(np.exp(point[3]))
-        if w < _NARROWEST * unit or w > _BROADEST * f0:
+        if w < _NARROWEST * unit:
+            return _FaintLine() if window.flat() - found.value < price else None
+        if w > _BROADEST * f0:
             return None
         band = shape(f0, w)
         whole = view.spectrum_with(band)

@@ -243,6 +243,12 @@ class SpectrumFitter:
         """Return the log-likelihood of the spectrum that `fit` returns."""
         return self.powers(power, start)[1]
 
+    def loglik_beside(self, component: Component, power: Array, start: Array) -> float:
+        """Return the same of `plus` one component: of its basis only what the fit needs."""
+        more = self._likelihood(power).column(self.basis.model, component.with_power(1.0))
+        columns = np.vstack([self.basis.columns, more])
+        return maximise(columns, power, self.dof, self.basis.fixed, start)[1]
+
     def powers(self, power: Array, start: Array | None = None) -> tuple[Array, float]:
         """Return the squared amplitudes of that spectrum, and its log-likelihood."""
         return maximise(self.basis.columns, power, self.dof, self.basis.fixed, start)[:2]

@@ -155,7 +155,10 @@ class View:
 
     def loglik_with(self, *parts: Part) -> float:
         """Return the log-likelihood of that."""
-        fitter, start = self.fitter.plus(*parts), self.spectrum.powers
+        start = self.spectrum.powers
+        if len(parts) == 1 and isinstance(parts[0], Component) and parts[0].has_amplitude:
+            return self.fitter.loglik_beside(parts[0], self.power, np.append(start, 0.0))
+        fitter = self.fitter.plus(*parts)
         more = len(fitter.basis.columns) - len(start)
         return fitter.loglik(self.power, np.append(start, np.zeros(more)))
 

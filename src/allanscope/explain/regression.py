@@ -242,8 +242,11 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
         return view.fitter.powers(power, powers)
 
     for _ in range(_ROUNDS):
+        before = powers, covariance
         powers, _ = noise(fit.amplitude, _taken_by(covariance, columns))
         covariance = _inverse((columns * low.kept / view.fitter.first(powers, m)) @ columns.T)
+        if all(map(np.array_equal, before, (powers, covariance))):
+            break  # to the last bit, and so they would stay
     taken = _taken_by(covariance, columns)
 
     def loglik(amplitude: Array) -> float:

@@ -87,7 +87,7 @@ class Spectrum:
         """Whittle log-likelihood at the maximum."""
         return self.fit.loglik
 
-    @property
+    @once
     def powers(self) -> Array:
         """Squared amplitudes, from which another fit may start."""
         return np.array([c.power for c in self.model if c.has_amplitude])

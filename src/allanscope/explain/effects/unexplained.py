@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import eval_legendre
+from scipy.fft import dct
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -23,7 +23,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.noise_level_period import noise_level_period
 from allanscope.explain.presence import presence_of
-from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
+from allanscope.explain.regression import exponential_ordinates, joint_fit
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
 from allanscope.explain.stationarity import bartlett_z_of, reach_of
 from allanscope.explain.view import View
@@ -478,8 +478,9 @@ def with_misfits_joined(view: View) -> View:
 @lru_cache(maxsize=4)
 def _polynomials(n: int, m: int) -> Array:
     """First m ordinates of the Legendre polynomials from degree 1 on, the same for every axis."""
-    x = np.linspace(-1, 1, n)
-    return np.array([ordinates_of(eval_legendre(k, x))[:m] for k in range(1, DEGREE + 1)])
+    polynomials = np.polynomial.legendre.legvander(np.linspace(-1, 1, n), DEGREE).T[1:]
+    centred = polynomials - polynomials.mean(axis=1, keepdims=True)
+    return np.ascontiguousarray(dct(centred, axis=1, norm="ortho")[:, 1 : m + 1])
 
 
 def drift_left_over(view: View) -> Candidate | None:

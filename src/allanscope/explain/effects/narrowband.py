@@ -65,7 +65,7 @@ _ROUNDS = 3
 """Times that window and band are found from each other."""
 _HOPELESS = 0.65
 """Share of the penalty below which the first fit stands: another shape and another background would
-have to add 6 nats to so faint a band. Of some hundred near the penalty none gained 4 more."""
+have to add 6 nats to so faint a band. Of a hundred at half the penalty and more none gained 4."""
 _ROUGHLY = 0.1
 """Nats, and in log width, to which a band is followed at first, and further only if it has hope."""
 _PENALTY = calibrated_penalty("narrowband")

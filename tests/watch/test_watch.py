@@ -12,6 +12,7 @@ from allanscope.quantities import TWO_SIDED_95
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.false_alarms import log_weight
+from allanscope.watch.lines import LineCusums
 from allanscope.watch.scan import Scan, locate
 from allanscope.watch.tracks import Track
 from allanscope.watch.watch import ALPHA_SHARES
@@ -383,6 +384,30 @@ def test_the_moment_of_louder_noise_is_that_of_its_power():
     assert change.lower <= 50.5 <= change.upper
     assert change.upper - change.lower < 0.25
     assert locate(3.0 * (np.cbrt(power) - 1.0), 20, 0.05).upper < 50.5
+
+
+def test_a_weak_line_is_not_told_late():
+    """Its own power raises the mean square of its bin, by which ratios are divided."""
+    rng, early, held = np.random.default_rng(15), [], []
+    unheld, scale = np.zeros((1, 24, 8), np.int32), np.ones((1, 8), np.float32)
+    for _ in range(120):
+        lines, at, excess = (
+            LineCusums(1, 24, np.log(1e-4)),
+            140 + rng.uniform(0, 4),
+            rng.uniform(3, 7),
+        )
+        for block in range(220):
+            wave = np.sqrt(0.5) * rng.standard_normal((1, 24, 8, 2))
+            left = np.clip(block + 1 - at, 0, 1)  # of the block, in a Hann window
+            wave[0, 9, 0, 0] += np.sqrt(excess) * (left - np.sin(2 * np.pi * left) / (2 * np.pi))
+            found = lines.update(np.sum(wave**2, axis=-1).astype(np.float32), scale, unheld)
+            if found and block > at:
+                early.append(found[0].moment < at)
+                held.append(found[0].lower <= at <= found[0].upper)
+                break
+    assert len(early) > 60
+    assert 0.35 < np.mean(early) < 0.65
+    assert np.mean(held) > 0.9
 
 
 def test_the_interval_of_the_frequency_of_a_line_holds_it_as_often_as_it_says():

@@ -39,6 +39,9 @@ hardly any alarms."""
 
 RATIO_CAP = 18.0
 """Ratio beyond which a block counts no more: a knock is in all bins of one block."""
+MILD_RATIO, MEMORY_BLOCKS = 6.0, 1800
+"""Ratio beyond which a block adds no more to the mean square of its bin, and blocks of that mean.
+"""
 
 MEAN_SQUARE_ERROR = 0.03
 """Standard error of the mean square of the ratios of half an hour, in units of the expected one."""
@@ -54,6 +57,9 @@ RECENT_VALUES, FEWEST_RECENT = 1 << 22, 16
 blocks."""
 MOST_KEPT = 6e4
 """Ratio of the largest half-precision numbers."""
+
+EXCESSES = np.geomspace(0.25, 4.0, 9)
+"""Powers of a line that are allowed for when its beginning is told, over the mean one seen."""
 
 WARM_UP = 120
 """Blocks that the reference needs before lines are looked for."""
@@ -98,6 +104,23 @@ def _log_mean(tilt: float) -> float:
     """
     root = math.sqrt(math.pi) / 2.0 * tilt * math.exp(tilt**2 / 4.0)
     return math.log1p(root * (1.0 + math.erf(tilt / 2.0)))
+
+
+def _spread_before(spread: float, ratio: NDArray[np.float64], blocks: int) -> float:
+    """Return what the mean square of a bin was before its last ratios: a line raises it itself.
+
+    Examples
+    --------
+    >>> spread = 1.0
+    >>> for block in (200, 201, 202):
+    ...     spread += (6.0**2 / 2.0 - spread) / block
+    >>> round(spread, 2), round(_spread_before(spread, np.full(3, 9.0), 202), 2)
+    (1.25, 1.0)
+    """
+    for back, one in enumerate(ratio[::-1].tolist()):
+        gain = 1.0 / min(blocks - back, MEMORY_BLOCKS)
+        spread = (spread - gain * min(one, MILD_RATIO) ** 2 / 2.0) / (1.0 - gain)
+    return spread
 
 
 WEAK_INCREMENT = (WEAK_EXCESS / (1.0 + WEAK_EXCESS), math.log1p(WEAK_EXCESS))
@@ -152,7 +175,7 @@ class LineCusums:
         self.blocks += 1
         # Exponential ratios have a mean square of 2. Where it is larger, as on a line that was
         # always there and beats with another, ratios count for less.
-        gain, is_on = 1.0 / min(self.blocks, 1800), self.blocks > WARM_UP
+        gain, is_on = 1.0 / min(self.blocks, MEMORY_BLOCKS), self.blocks > WARM_UP
         groups, bins = ratio.shape[:2]
         limits = RATIO_CAP, MEAN_SQUARE_ERROR
         self._fixed.call(
@@ -196,33 +219,39 @@ class LineCusums:
         adds = by * usual > less
         # The sum is one of ratios that are capped; beyond the cap, the last one tells more.
         mean = max(mean, last) if last > RATIO_CAP else mean
-        moments = self._moments(axis, at, length, spread, is_clear=number == 1)
+        moments = self._moments(axis, at, length, is_clear=number == 1)
         return LineAlarm(axis, at, length, mean, nats, *moments), adds
 
     def _moments(
-        self, axis: int, place: int, since: int, spread: float, is_clear: bool
+        self, axis: int, place: int, since: int, is_clear: bool
     ) -> tuple[float, float, float]:
         """Return when a line began, in blocks: median and ends of the 95 % interval.
 
         Of a block in which it begins, the Hann window shows as much of its amplitude as is left.
-        A clear line is a sine in noise, a weak one noise itself.
+        A clear line is a sine in noise, a weak one noise itself. Every place of the amplitude in
+        its plane is as likely beforehand, so every excess of power is.
         """
         looked_at = min(2 * since + LEAST_BLOCKS, len(self._recent), self.blocks)
         first = self.blocks - looked_at
         blocks = np.arange(first, self.blocks)
         ratio = self._recent[blocks % len(self._recent), axis // LANES, place, axis % LANES]
-        ratio = ratio.astype(np.float64)[:, np.newaxis] / spread
+        ratio = ratio.astype(np.float64)
+        line = ratio[-min(since + 1, looked_at) :]
+        spread = float(of_axis(self._spread, axis)[place])
+        spread = _spread_before(spread, line, self.blocks) - MEAN_SQUARE_ERROR
+        ratio /= max(spread, 1.0)
         whole = ratio[-max(min(since, looked_at) - 1, 1) :]
-        excess = max(float(whole.mean()) - 1.0, 0.1)
+        excess = max(float(whole.mean()) - 1.0, 0.1) * EXCESSES[:, np.newaxis, np.newaxis]
         after = 1.0 - (np.arange(PARTS) + 0.5) / PARTS
         shown = after - np.sin(2.0 * np.pi * after) / (2.0 * np.pi)
         power = excess * np.append(shown, 1.0) ** 2
+        ratio = ratio[:, np.newaxis]
         if is_clear:
             z = 2.0 * np.sqrt(power * ratio)
             gains = np.log(i0e(z)) + z - power
         else:
             gains = ratio * power / (1.0 + power) - np.log1p(power)
-        median, lower, upper = moment_of(gains)
+        median, lower, upper = moment_of(gains, EXCESSES)
         return first + median, first + lower, first + upper
 
     def forget(self, axis: int, bins: slice | NDArray[np.bool_] = slice(None)) -> None:

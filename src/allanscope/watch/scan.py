@@ -348,17 +348,25 @@ def _quantiles(loglik: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.interp(np.array(QUANTILES) * below[-1], below, borders))
 
 
-def moment_of(gains: NDArray[np.float64]) -> tuple[float, float, float]:
+def moment_of(
+    gains: NDArray[np.float64], weights: NDArray[np.float64] | None = None
+) -> tuple[float, float, float]:
     """Return the median of a moment and the ends of its 95 % interval, in blocks.
 
     Parameters
     ----------
-    gains : ndarray of float64, shape (n, PARTS + 1)
+    gains : ndarray of float64, shape (n, PARTS + 1) or (k, n, PARTS + 1)
         Log-likelihood that each block gains if the change is in one of its parts; last, if it was
-        before it.
+        before it. Of k sizes of the change, where it is not known.
+    weights : ndarray of float64, shape (k,), optional
+        How likely each size is beforehand.
     """
-    later = np.cumsum(gains[::-1, -1])[::-1] - gains[:, -1]
-    median, lower, upper = _quantiles(gains[:, :-1] + later[:, np.newaxis]).tolist()
+    later = np.cumsum(gains[..., ::-1, -1], axis=-1)[..., ::-1] - gains[..., -1]
+    loglik = gains[..., :-1] + later[..., np.newaxis]
+    if weights is not None:
+        size = weights[:, np.newaxis, np.newaxis]
+        loglik = np.log(np.sum(size * np.exp(loglik - loglik.max()), axis=0) + 1e-300)
+    median, lower, upper = _quantiles(loglik).tolist()
     return median, lower, upper
 
 

@@ -33,6 +33,7 @@ __all__ = [
     "Regression",
     "exponential_ordinates",
     "joint_fit",
+    "likely_factors",
     "marginal_covariance",
     "ordinates_of",
     "ramp_ordinates",
@@ -59,6 +60,11 @@ _CLOSE = 1e-3
 """Nats by which the last of them may change the log-likelihood."""
 _STEPS, _FARTHEST = 12, 30.0
 """Most turns of the search for the end of an interval, and its end in standard errors."""
+_ERRORS, _FARTHEST_LOG, _TERMS = 5.0, 3.0, 21
+"""Reach of the log of a time constant over which its likelihood is summed, in errors and at the
+most, and terms."""
+_OUT = 0.025
+"""Probability on each side of its interval."""
 _TURNS = 12
 """Most turns of a joint regression of several effects."""
 _SETTLED = 3e-3
@@ -274,6 +280,32 @@ def restricted_loglik(view: View, columns: Array) -> float:
     fit = _fit_in_turn(view, columns, view.fitter, _ROUNDS, restricted=True)
     loglik = fit.gain + view.spectrum.loglik
     return loglik + 0.5 * float(np.linalg.slogdet(fit.covariance)[1])
+
+
+def likely_factors(loglik: Callable[[float], float], error: float) -> tuple[float, float]:
+    """Return the factors between which 95 % of the time constants lie, as likely as they are.
+
+    Parameters
+    ----------
+    loglik : callable
+        Log-likelihood of the log of a factor.
+    error : float
+        Standard error of that on a straight line, from which half and twice a time constant are
+        far.
+
+    Examples
+    --------
+    >>> low, high = likely_factors(lambda x: -((x / 0.1) ** 2) / 2, 0.1)
+    >>> round(low, 2), round(high, 2)
+    (0.82, 1.22)
+    """
+    reach = min(_ERRORS * error, _FARTHEST_LOG)
+    moved = np.linspace(-reach, reach, _TERMS)
+    nats = np.array([loglik(x) for x in moved.tolist()])
+    weight = np.exp(nats - nats.max())
+    below = (np.cumsum(weight) - weight / 2) / weight.sum()
+    low, high = np.exp(np.interp([_OUT, 1 - _OUT], below, moved)).tolist()
+    return low, high
 
 
 def reach_at_95(drop: Callable[[float], float]) -> float:

@@ -26,6 +26,7 @@ from allanscope.explain.effects.step import EDGE_S, Jump, Step, instant_before
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     joint_fit,
+    likely_factors,
     marginal_covariance,
     relaxing_ordinates,
     restricted_loglik,
@@ -53,10 +54,6 @@ _REACH = 20
 """Rows to each side of the best, at the least: so far every row is one of them."""
 _STEP, _LEAP = 0.02, 0.4
 """Of ln tau: over which derivatives are taken, and the most that it moves in one turn."""
-_ERRORS, _FARTHEST, _TIME_CONSTANTS = 5.0, 3.0, 21
-"""Reach of ln tau over which its likelihood is summed, in errors and at the most, and terms."""
-_OUT = 0.025
-"""Probability on each side of its interval."""
 _CREEPS = 3.5
 """Standard errors that the creeping part is at least: else it is a step."""
 
@@ -193,14 +190,10 @@ class Relaxation(Jump):
         which half and twice a time constant are far.
         """
         row, tc = self.row(view), self.time_constant.value
-        reach = min(_ERRORS * error, _FARTHEST)
-        moved = np.linspace(-reach, reach, _TIME_CONSTANTS)
-        loglik = np.array(
-            [restricted_loglik(view, _pair(view, row, tc * np.exp(x))) for x in moved.tolist()]
+        ends = likely_factors(
+            lambda x: restricted_loglik(view, _pair(view, row, tc * np.exp(x))), error
         )
-        weight = np.exp(loglik - loglik.max())
-        below = (np.cumsum(weight) - weight / 2) / weight.sum()
-        lower, upper = (tc * np.exp(np.interp([_OUT, 1 - _OUT], below, moved))).tolist()
+        lower, upper = (tc * end for end in ends)
         return replace(self, time_constant=Estimate(tc, min(lower, tc), max(upper, tc), "s"))
 
 

@@ -28,9 +28,16 @@ from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import Regression, joint_fit, marginal_covariance
+from allanscope.explain.regression import (
+    Regression,
+    joint_fit,
+    likely_factors,
+    marginal_covariance,
+    restricted_loglik,
+)
 from allanscope.explain.view import View
 from allanscope.optimise import minimise_between
+from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -267,7 +274,25 @@ class Temperature(EffectKind):
         )
         covariance = marginal_covariance(view, columns, known)
         done = sized.solved(view, bare, known.amplitude, covariance)
-        return done.effect, done.signal
+        assert isinstance(done.effect, Temperature)
+        return done.effect.with_interval(view), done.signal
+
+    def with_interval(self, view: View) -> Temperature:
+        """Return it with the interval that holds 95 % of its lags, by their restricted likelihood.
+
+        Few swings of the room tell a lag: half of one is farther off than twice of it is.
+        """
+        if self.lag is None or self.lag.upper is None:
+            return self
+        lag = self.lag.value
+
+        def loglik(x: float) -> float:
+            moved = replace(self, lag=Estimate(lag * float(np.exp(x)), unit="s"))
+            return restricted_loglik(view, moved.terms(view))
+
+        error = float(np.log(self.lag.upper / lag)) / TWO_SIDED_95
+        lower, upper = (lag * end for end in likely_factors(loglik, error))
+        return replace(self, lag=Estimate(lag, min(lower, lag), max(upper, lag), "s"))
 
 
 def _level(view: View) -> float | None:

@@ -96,8 +96,10 @@ def minimise_between(
     return float(found.x), float(found.fun)
 
 
-def root_between(function: Callable[[float], float], low: float, high: float) -> float:
-    """Find where a function is zero whose signs differ at two bounds.
+def root_between(
+    function: Callable[[float], float], low: float, high: float, within: float = 2e-12
+) -> float:
+    """Find where a function is zero whose signs differ at two bounds, to `within`.
 
     Examples
     --------
@@ -106,7 +108,7 @@ def root_between(function: Callable[[float], float], low: float, high: float) ->
     """
     from scipy.optimize import brentq
 
-    return float(brentq(function, low, high))
+    return float(brentq(function, low, high, xtol=within))
 
 
 def least_nonnegative(design: Array, wanted: Array) -> Array:

@@ -8,6 +8,7 @@ Ranks pass where a Kolmogorov-Smirnov test gives them 5 % or more, at fixed seed
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import idct
 from scipy.signal import lfilter
 from scipy.stats import kstest, norm
 
@@ -19,6 +20,7 @@ from allanscope.explain.effects import (
     excursion,
     gauss_markov,
     high_pass,
+    power_law,
     random_telegraph,
     relaxation,
     shock,
@@ -215,6 +217,24 @@ def test_sigma_of_a_gauss_markov_process_has_the_interval_of_its_likelihood():
         found = gauss_markov._candidate(view, tc / 10, tc * 10).finished().effect
         ranks.append(rank(found.sigma, sigma))
     assert_apt(ranks, leaning=0.16)
+
+
+def test_numbers_of_a_power_law_have_the_intervals_of_their_likelihoods():
+    """White noise is often 0 beside it and can only grow: curvature takes it for known."""
+    rng, n, fallen, held = np.random.default_rng(33), 4096, [], []
+    f = np.arange(1, n) / n * RATE / 2
+    for _ in range(12):
+        exponent = rng.uniform(0.3, 0.5)
+        power = RATE * (RATE / np.pi * np.sin(np.pi * f / RATE)) ** -exponent
+        path = idct(np.append(0.0, rng.normal(size=n - 1) * np.sqrt(power)), norm="ortho")
+        view = view_of(path)
+        found = power_law._candidate(view, exponent - 0.2, exponent + 0.2).finished().effect
+        best = view.loglik_with(power_law.Process(1.0, found.exponent.value))
+        for end in (found.exponent.lower, found.exponent.upper):
+            fallen.append(best - view.loglik_with(power_law.Process(1.0, end)))
+        held.append(found.density.lower <= 1.0 <= found.density.upper)
+    assert np.allclose(fallen, 1.92, atol=0.5)
+    assert np.mean(held) > 0.8
 
 
 def test_what_leaks_in_is_no_noise_of_the_axis():

@@ -34,6 +34,7 @@ from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
+from allanscope.noise.part import Part
 from allanscope.optimise import minimise_between
 
 Array = NDArray[np.float64]
@@ -131,10 +132,13 @@ def _amplitude_error(fit: Spectrum) -> float:
     return float(np.sqrt(max(variance, 0.0))) / (2 * max(_sigma(fit), 1e-300))
 
 
-def _loglik(view: View, sigma: float, tc: float) -> float:
-    """Return the log-likelihood with a process that is given, N, B and K refitted."""
-    basis, fitter = view.fitter.plus(Process(1.0, tc)).basis, view.fitter
-    fixed = fitter.basis.fixed + sigma**2 * basis.columns[-1]
+def loglik_beside(view: View, power: float, process: Part) -> float:
+    """Return the log-likelihood with a process of a given power, N, B and K refitted.
+
+    `process` is that of power 1.
+    """
+    basis, fitter = view.fitter.plus(process).basis, view.fitter
+    fixed = fitter.basis.fixed + power * basis.columns[-1]
     return replace(fitter, basis=replace(fitter.basis, fixed=fixed)).loglik(
         view.power, view.spectrum.powers
     )
@@ -179,7 +183,8 @@ def _with_intervals(view: View, fit: Spectrum, effect: GaussMarkov) -> GaussMark
     def drop(side: float, distance: float) -> float:
         x = side * spread * distance
         along = float(np.clip(slope * x, -_FARTHEST, _FARTHEST))
-        return fit.loglik - _loglik(view, sigma * np.exp(x), tc * np.exp(along))
+        moved = Process(1.0, tc * np.exp(along))
+        return fit.loglik - loglik_beside(view, (sigma * np.exp(x)) ** 2, moved)
 
     lower, upper = (
         sigma * np.exp(side * spread * reach_at_95(partial(drop, side))) for side in (-1.0, 1.0)

@@ -10,8 +10,8 @@ coefficients stay those of what is left beside it, so B or K may vanish with it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -20,14 +20,16 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.band_limit import BandLimit, low_pass_instead
-from allanscope.explain.effects.gauss_markov import GaussMarkov
+from allanscope.explain.effects.gauss_markov import GaussMarkov, loglik_beside
 from allanscope.explain.effects.unexplained import lasting
+from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.filters import LowPass
 from allanscope.noise.grid import Grid
-from allanscope.optimise import minimise_between
+from allanscope.optimise import minimise_between, root_between
+from allanscope.quantities import CHI_SQUARE_95
 
 _BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
 """Exponents tried: those between the textbook's 0, 1 and 2."""
@@ -38,6 +40,11 @@ _LEAST = 0.15
 """Exponent below which it is white noise that something else bends, and N would vanish with it."""
 _UNALIASED = 2 / np.pi
 """Of a density that falls as 1/f, at Nyquist, over that which a sum has there."""
+_FIRST, _FARTHEST = 0.05, 3.0
+"""First distance at which an end of an interval is looked for, of the exponent and of ln density,
+and the farthest of the latter."""
+_CLOSE = 2e-3
+"""Within which they are found, and the likeliest exponent of a density."""
 _AT_THE_END = 1.05
 """Factor on the least exponent within which a fit has run into it."""
 
@@ -102,7 +109,9 @@ class PowerLaw(EffectKind):
         low_pass = low_pass_instead(view, candidate)
         if low_pass is not None:
             return low_pass
-        if self.exponent.value < _AT_THE_END * _LEAST or (self.exponent.lower or 0.0) <= 0:
+        if self.exponent.value < _AT_THE_END * _LEAST:
+            return None
+        if (self.exponent.lower or 0.0) <= Process.quantities[1].lower:  # it may be white noise
             return None
         return lasting(view, candidate, UNSTEADY)
 
@@ -135,16 +144,59 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
         lambda a: -view.loglik_with(Process(1.0, a)), low, high, within=2e-3
     )
     fit = view.spectrum_with(Process(1.0, exponent))
-    free = fit.fit.all_free()
-    spread = dict(zip(free.names, free.relative_sd(), strict=True))
-    effect = PowerLaw(
-        Estimate.of(exponent, exponent * float(spread["exponent"])),
-        Estimate.of_log(
-            float(np.sqrt(fit.model.components[-1].power)),
-            float(spread["P"]),
-            f"{view.unit}/sqrt(Hz)",
-        ),
-    )
+    density = float(np.sqrt(fit.model.components[-1].power))
+    effect = PowerLaw(Estimate(exponent), Estimate(density, unit=f"{view.unit}/sqrt(Hz)"))
     ended = exponent < _AT_THE_END * _LEAST
     gain = 0.0 if ended else fit.loglik - view.spectrum.loglik
-    return Candidate(effect, gain, _PRICE, parts=(Process(1.0, exponent),))
+    return Candidate(
+        effect,
+        gain,
+        _PRICE,
+        parts=(Process(1.0, exponent),),
+        finish=lambda: (_with_intervals(view, fit, effect), None),
+    )
+
+
+def _with_intervals(view: View, fit: Spectrum, effect: PowerLaw) -> PowerLaw:
+    """Return it with the intervals of both numbers, from their profile likelihoods.
+
+    Curvature would take N, B or K for known where they came out as 0.
+    """
+    _, shape = Process.quantities
+    exponent, density = effect.exponent.value, effect.density.value
+
+    def at(moved: float) -> float:
+        inside = float(np.clip(moved, shape.lower, shape.upper))
+        return fit.loglik - view.loglik_with(Process(1.0, inside))
+
+    lower = exponent - _reach(lambda x: at(exponent - x), exponent - shape.lower)
+    upper = exponent + _reach(lambda x: at(exponent + x), shape.upper - exponent)
+    low, high = max(2 * lower - exponent, shape.lower), min(2 * upper - exponent, shape.upper)
+
+    def sized(log_factor: float) -> float:
+        power = (density * np.exp(log_factor)) ** 2
+        _, least = minimise_between(
+            lambda a: -loglik_beside(view, power, Process(1.0, a)), low, high, within=_CLOSE
+        )
+        return fit.loglik + least
+
+    down, up = _reach(lambda x: sized(-x), _FARTHEST), _reach(sized, _FARTHEST)
+    return replace(
+        effect,
+        exponent=replace(effect.exponent, lower=lower, upper=upper),
+        density=replace(
+            effect.density,
+            lower=density * float(np.exp(-down)),
+            upper=density * float(np.exp(up)),
+        ),
+    )
+
+
+def _reach(drop: Callable[[float], float], farthest: float) -> float:
+    """Return how far one may go until a likelihood has fallen by what 95 % allow."""
+    far = min(_FIRST, farthest)
+    while drop(far) < CHI_SQUARE_95 / 2:
+        if far == farthest:
+            return farthest
+        far = min(2 * far, farthest)
+    return root_between(lambda x: drop(x) - CHI_SQUARE_95 / 2, 0.0, far, within=_CLOSE)

@@ -63,7 +63,7 @@ _STEPS, _FARTHEST = 12, 30.0
 _ERRORS, _FARTHEST_LOG, _TERMS = 5.0, 3.0, 21
 """Reach of the log of a time constant over which its likelihood is summed, in errors and at the
 most, and terms."""
-_OUT = 0.025
+_TAIL = 0.025
 """Probability on each side of its interval."""
 _TURNS = 12
 """Most turns of a joint regression of several effects."""
@@ -304,7 +304,7 @@ def likely_factors(loglik: Callable[[float], float], error: float) -> tuple[floa
     nats = np.array([loglik(x) for x in moved.tolist()])
     weight = np.exp(nats - nats.max())
     below = (np.cumsum(weight) - weight / 2) / weight.sum()
-    low, high = np.exp(np.interp([_OUT, 1 - _OUT], below, moved)).tolist()
+    low, high = np.exp(np.interp([_TAIL, 1 - _TAIL], below, moved)).tolist()
     return low, high
 
 

@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct
 from scipy.special import digamma, ndtri, polygamma
 
 from allanscope.allan import Deviation
@@ -61,6 +62,8 @@ Array = NDArray[np.float64]
 
 _BANDS = 60
 """Bands of the whitened spectrum, equally wide in log f, whose worst is reported."""
+_PARTS = 64
+"""Parts of the record whose powers tell whether it is louder at times."""
 _SURELY = 1.645
 """Standard deviations that sampling alone exceeds in one record of twenty."""
 _CLASSES = 64
@@ -88,7 +91,8 @@ class Bands:
         Mean of measured over model.
     z : ndarray, shape (b,)
         (ratio - 1) sqrt(count / 2), in standard deviations; cube-root transformed where a band
-        holds few ordinates, whose mean is far from Gaussian.
+        holds few ordinates, whose mean is far from Gaussian. Of noise that is louder at times the
+        count is that of independent ordinates.
     """
 
     frequency: Array
@@ -111,12 +115,26 @@ def band_scores(view: View) -> Bands:
     ratio = np.add.reduceat(u * kept, edges) / np.maximum(count, 1.0)
     limits = np.append(edges, grid.n - 1)
     unit = grid.rate_hz / (2 * grid.n)
-    nu = np.maximum(count, 1.0)
+    nu = _independent(np.maximum(count, 1.0), view.innovations)
     # Wilson and Hilferty: the cube root of a chi-square is close to Gaussian.
     z = (np.cbrt(ratio) - (1 - 2 / (9 * nu))) / np.sqrt(2 / (9 * nu))
     z[count < 1] = 0.0
     low, high = (limits[:-1] + 0.5) * unit, (limits[1:] + 0.5) * unit
     return Bands(np.sqrt(low * high), low, high, count, ratio, z)
+
+
+def _independent(count: Array, innovations: Array) -> Array:
+    r"""Return as how many independent ordinates so many neighbours scatter.
+
+    Where the power of the noise changes with time, ordinates j apart have the correlation
+    :math:`\rho_j` that is the cosine transform of the power, and the mean of the squares of m has
+    the variance :math:`(2/m) [1 + 2 \sum_j (1 - j/m) \rho_j^2]`.
+    """
+    power = np.array([np.mean(part**2) for part in np.array_split(innovations, _PARTS)])
+    lag = np.arange(1, len(power))
+    squares = (dct(power)[1:] / dct(power)[0]) ** 2
+    shares = np.maximum(1 - lag / count[:, np.newaxis], 0.0)
+    return np.asarray(count / (1 + 2 * shares @ squares))
 
 
 def excess_kurtosis(view: View, stretches: int = 1) -> tuple[float, float]:

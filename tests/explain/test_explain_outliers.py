@@ -62,3 +62,14 @@ def test_a_sample_apart_from_heavy_tails_is_an_outlier(bench):
     samples[4000] = 100.0
     (found,) = KINDS["outliers"].candidates(view_of(samples))
     assert found.effect.count.value == 1
+
+
+@pytest.mark.parametrize(("freedom", "rows"), [(3, 2000), (5, 2000), (5, 500)])
+def test_the_largest_of_heavy_tails_in_a_short_record_are_no_outliers(bench, freedom, rows):
+    """Where few are far out it is the kurtosis that tells tails: one record in ten is a mistake."""
+    b = bench(573)
+    records = (b.rng.standard_t(freedom, rows) for _ in range(40))
+    assert sum(bool(list(KINDS["outliers"].candidates(view_of(x)))) for x in records) <= 2
+    samples = b.rng.normal(size=rows)
+    samples[rows // 2] = 8.0
+    assert list(KINDS["outliers"].candidates(view_of(samples)))

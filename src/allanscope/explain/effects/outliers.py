@@ -2,9 +2,9 @@ r"""Isolated samples that the rest does not allow: bit errors, knocks, discharge
 
 The curve shows them as white noise. Each sample is compared with the mean of its neighbourhood in
 units of the noise there (so that a noisy stretch is not a crowd of outliers); with n samples the
-limit is the normal quantile of 1 - alpha/(2 n), about six. If more samples lie between 3.5 and the
-limit than a Gaussian has, the whole distribution has heavy tails, and only samples that stand apart
-from these are to blame. The largest of a tail that falls as :math:`x^{-\nu}` are apart by chance:
+limit is the normal quantile of 1 - alpha/(2 n), about six. If the kurtosis of the others is more
+than a Gaussian's, the whole distribution has heavy tails, and only samples that stand apart from
+these are to blame. The largest of a tail that falls as :math:`x^{-\nu}` are apart by chance:
 all :math:`k \ln(x_k / x_{k+1})` are exponential with the mean :math:`1/\nu` (Renyi), which is that
 of the smaller ones.
 """
@@ -18,7 +18,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtri
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -36,10 +36,12 @@ _BLOCK = 1024
 """Samples over which the scale of the noise is taken."""
 _BULK = 3.5
 """Sigma from which a sample is far out, of which a Gaussian has one in 2000."""
+_HEAVY = 3.0
+"""Standard errors of the kurtosis from which tails are heavy."""
 _OWN = 0.6
 """Share of its distance from the mean around it that a sample must be away from both its sides."""
-_FEWEST_IN_TAIL, _MOST_APART = 20, 3
-"""Samples beyond `_BULK` that tell how a tail falls, and most apart from it: more are a tail."""
+_FEWEST_IN_TAIL, _MOST_APART = 20, 10
+"""Samples that tell how a tail falls at the least, and most apart from it: more are a tail."""
 _MOST = 0.02
 """More than this share of outliers is a distribution. Of up to it, none was named in samples of
 Student's t with 1 to 5 degrees of freedom, Laplace's, or noise of log-normal amplitude."""
@@ -91,9 +93,9 @@ class Outliers(EffectKind):
         if len(at) == 0:
             return []
         at, z, level = _on_their_own(view.data, at, z, limit + rounding)
-        between = int(np.count_nonzero((np.abs(z) > _BULK) & (np.abs(z) < limit)))
-        expected = 2 * ndtr(-_BULK) * n
-        if between - expected > 6 * np.sqrt(expected) + len(at):
+        others = np.delete(z, at)
+        kurtosis = float(np.mean(others**4) / np.mean(others**2) ** 2) - 3.0
+        if kurtosis > _HEAVY * np.sqrt(24 / n):
             at = at[_apart_from_tails(np.abs(z), at, rounding)]
         if len(at) == 0 or len(at) > _MOST * n:
             return []
@@ -118,11 +120,10 @@ def _apart_from_tails(sizes: Array, at: NDArray[np.int64], rounding: float) -> N
     rounding : float
         By how much a distance may be off, as the values have a step.
     """
-    tail = np.sort(sizes[sizes > _BULK])[::-1]
-    most = min(len(at), len(tail) - _FEWEST_IN_TAIL, _MOST_APART)
-    if most < 1:
-        return np.zeros(len(at), bool)
-    logs, k = np.log(tail / _BULK), np.arange(1, most + 1)
+    tail, most = np.sort(sizes)[::-1], min(len(at), _MOST_APART)
+    count = max(most + _FEWEST_IN_TAIL, int(np.count_nonzero(tail > _BULK)))
+    tail, bulk = tail[:count], tail[count]
+    logs, k = np.log(tail / bulk), np.arange(1, most + 1)
     others = len(tail) - k
     mean = (np.cumsum(logs[::-1])[::-1][k] + k * logs[k]) / others
     gap = k * np.log(np.maximum((tail[k - 1] - rounding) / (tail[k] + rounding), 1.0))

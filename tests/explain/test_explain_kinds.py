@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.fft import idct
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import AxisExplanation, Effect, explain
@@ -90,6 +91,18 @@ def test_weak_gauss_markov_admits_that_it_may_be_a_telegraph(bench):
     effect = only(explain(b.record(b.noise() + b.gauss_markov(4e-3, 3.0))).axes["gx"])
     assert effect.kind == "gauss_markov"
     assert effect.equivalent == ("random_telegraph",)
+
+
+@pytest.mark.parametrize("seed", [1404, 1411])
+def test_weak_noise_of_another_slope_may_be_gauss_markov_and_is_told(bench, seed):
+    b = bench(seed, 300.0)
+    f = np.arange(1, len(b.t)) * RATE / (2 * len(b.t))
+    power = np.append(0.0, 1.2 * SIGMA * f**-0.75)
+    white = b.rng.normal(0, SIGMA, len(b.t))
+    slope = idct(power * b.rng.normal(size=len(b.t)), norm="ortho")
+    effect = only(explain(b.record(white + slope)).axes["gx"])
+    assert effect.kind == "gauss_markov"
+    assert "power_law" in effect.equivalent
 
 
 def test_a_step_is_found_to_the_second_and_not_called_random_walk(bench):

@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from allanscope.explain.effects import EffectKind
     from allanscope.noise.components import LineProfile
 
-__all__ = ["ALPHA", "Candidate", "HeldOut", "effect_of"]
+__all__ = ["ALPHA", "SIMILAR", "Candidate", "HeldOut", "effect_of"]
 
 Array = NDArray[np.float64]
 
 ALPHA = 1e-3
 """Probability of a false alarm that each kind may spend on one axis."""
+SIMILAR = 3.0
+"""Nats within which two kinds explain equally well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,9 @@ class Candidate:
     @property
     def equivalent(self) -> tuple[str, ...]:
         """Kinds that come within 3 nats: this record cannot rule them out."""
-        return tuple(k for k, g in self.rivals.items() if k != self.kind and g > self.gain - 3.0)
+        return tuple(
+            k for k, g in self.rivals.items() if k != self.kind and g > self.gain - SIMILAR
+        )
 
 
 def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effect | None:

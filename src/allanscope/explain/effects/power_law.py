@@ -16,7 +16,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.band_limit import BandLimit, low_pass_instead
@@ -94,8 +94,7 @@ class PowerLaw(EffectKind):
             return []
         ends = _BANK[best - 1] if best else _LEAST, _BANK[min(len(_BANK) - 1, best + 1)]
         found = _candidate(view, *ends)
-        bent = max((c.gain for c in GaussMarkov.proposed(view)), default=0.0)
-        return [found] if found.gain > bent else []
+        return [found] if found.gain > _bent(view) - SIMILAR else []
 
     def refine(self, view: View) -> Candidate:
         """Estimate exponent and size again."""
@@ -104,8 +103,11 @@ class PowerLaw(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return it where it slopes, removes its part of the residual and is there all along.
 
-        Where it leaves no white noise it is a low-pass.
+        Where it leaves no white noise it is a low-pass. What bends does worse: if it does better,
+        this is only its rival.
         """
+        if candidate.gain <= _bent(view):
+            return None
         low_pass = low_pass_instead(view, candidate)
         if low_pass is not None:
             return low_pass
@@ -135,6 +137,11 @@ class PowerLaw(EffectKind):
         """Return whether another slope is the same hypothesis: it always is."""
         del other, grid
         return True
+
+
+def _bent(view: View) -> float:
+    """Return the gain of a process of one correlation time."""
+    return max((c.gain for c in GaussMarkov.proposed(view)), default=0.0)
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:

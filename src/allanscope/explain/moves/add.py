@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.effects import KINDS, EffectKind
 from allanscope.explain.effects.unexplained import united
 from allanscope.explain.gates import judge, judge_members, penalties, penalty_passed, refused
@@ -29,8 +29,6 @@ __all__ = ["add", "add_beside", "add_bundle", "add_pair", "proposals", "with_riv
 
 _GOOD_PART = 0.3
 """Share of a band's gain that a line may have which is all there is to the band."""
-_SIMILAR = 3.0
-"""Nats within which two kinds explain equally well."""
 
 
 def proposals(view: View, kinds: Iterable[type[EffectKind]], path: SearchPath) -> list[Candidate]:
@@ -98,7 +96,7 @@ def with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> Vi
     rivals = dict(last.rivals)
     for rival in former:
         is_other = rival.kind != last.kind and rival.effect.is_rival
-        if not is_other or rival.gain < last.gain - _SIMILAR:
+        if not is_other or rival.gain < last.gain - SIMILAR:
             continue
         left = max((c.gain for c in now if c.kind == rival.kind), default=0.0)
         if left < 0.5 * rival.gain:

@@ -6,9 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from allanscope.explain import Budget, LiveLoop, explain
 from allanscope.explain.effects import KINDS
+from allanscope.explain.residual import band_scores
+from allanscope.explain.series import series_of
+from allanscope.explain.view import View
+from allanscope.history import Record
 from allanscope.spectrum import Density
 
 RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
@@ -55,6 +60,40 @@ def test_heavy_tails_are_seen_beside_a_change_of_the_noise_level(bench, tails):
     if tails:
         (left,) = (e for e in found if e.kind == "unexplained")
         assert left.evidence["excess_kurtosis"] > 0.3
+
+
+def test_noise_that_is_louder_for_a_while_has_no_bands_without_a_name(bench):
+    """Its ordinates are alike for tens of them, and bands of few of them scatter as much."""
+    loud = 0
+    for seed in range(6):
+        b = bench(38 + seed, 400.0)
+        noise = b.rng.normal(0, SIGMA, len(b.t))
+        noise[int(0.45 * len(noise)) : int(0.55 * len(noise))] *= 6
+        view = View.of(series_of(b.record(noise)), "gx")
+        loud += int(np.sum(np.abs(band_scores(view).z) > 3.5))
+    assert loud <= 2
+    band = lfilter(*butter(2, [8, 9], "band", fs=RATE), b.rng.normal(0, 0.15 * SIGMA, len(b.t)))
+    view = View.of(series_of(b.record(noise + 20 * band)), "gx")
+    assert band_scores(view).z.max() > 5
+
+
+@pytest.mark.parametrize("seed", [10, 15, 0])
+def test_noise_that_is_louder_for_a_while_is_nothing_else(seed):
+    """Neither steps that pass together, each as loud as the noise there, nor a low-pass."""
+    n, rate = 20_000, 100.0
+    noise = np.random.default_rng([seed, n, 6]).normal(size=n) * 0.04
+    noise[int(0.45 * n) : int(0.55 * n)] *= 6
+    record = Record(
+        rate_hz=rate,
+        stride=1,
+        axes=("gx",),
+        values=noise[:, np.newaxis],
+        lsb=(1e-9,),
+        temperature_c=np.full(n, np.nan),
+        start_s=np.arange(n) / rate,
+        segments=np.array([[0, n]], np.int64),
+    )
+    assert kinds(record) == ["variance_change"]
 
 
 def test_a_slow_wave_is_neither_warm_up_nor_ramp(bench):

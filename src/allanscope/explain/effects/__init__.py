@@ -279,6 +279,14 @@ class EffectKind(ABC):
         del view
         return None
 
+    def local_power(self, view: View) -> float:
+        """Return how many times too much it gains, as the noise around it is louder than the rest.
+
+        1 for what has no place in time.
+        """
+        del view
+        return 1.0
+
     def refine(self, view: View) -> Candidate | None:
         """Estimate an accepted effect again, given everything else that was accepted.
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
+from allanscope.explain.effects.narrowband import ordinate_correlation
 from allanscope.explain.residual import band_scores, removes
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
@@ -165,7 +166,9 @@ class BandLimit(EffectKind):
         losses = (one.loss(view, at) for one in _FAMILIES for at in one.starts(starts))
         if -min(losses) - view.spectrum.loglik < _HOPELESS:
             return []
-        return [_best(view, starts)]
+        best = _best(view, starts)
+        weaker = replace(best, gain=best.gain / ordinate_correlation(view.data))
+        return [best if weaker.excess > 0 else weaker]
 
     def refine(self, view: View) -> Candidate:
         """Estimate the cutoff again."""

@@ -93,8 +93,7 @@ class Excursion(PlacedSignal):
             return []
         fits = [(cls._at(view, *rows), rows) for rows in boxes]
         best, rows = max(fits, key=lambda fit: fit[0].gain)
-        uneven = local_power_ratio(view.data, view.grid.rate_hz, *rows)
-        best = replace(best, gain=best.gain / uneven)
+        best = replace(best, gain=best.gain / best.effect.local_power(view))
         return [(cls._near(view, *rows) or best) if best.excess > 0 else best]
 
     @classmethod
@@ -122,6 +121,10 @@ class Excursion(PlacedSignal):
         """Return whether it was measured: what bridges a long gap may be off, all of it alike."""
         first, last = self._rows(view)
         return float(view.series.bridged[first:last].mean()) < _BRIDGED
+
+    def local_power(self, view: View) -> float:
+        """Return the power of the noise around the box over that of all."""
+        return local_power_ratio(view.data, view.grid.rate_hz, *self._rows(view))
 
     def from_end_s(self, view: View) -> float:
         """Return how far from an end of the record the box is."""

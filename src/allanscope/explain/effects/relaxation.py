@@ -100,7 +100,10 @@ class Relaxation(Jump):
         bank = np.geomspace(_SHORTEST_S, longest, _BANK)
         gains = [joint_fit(view, _pair(view, row, tc), rounds=5).gain for tc in bank.tolist()]
         found = cls._near(view, row, float(bank[int(np.argmax(gains))]))
-        return [found] if found is not None else []
+        if found is None:
+            return []
+        weaker = replace(found, gain=found.gain / found.effect.local_power(view))
+        return [found if weaker.excess > 0 else weaker]
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate instant, sizes and time constant again."""

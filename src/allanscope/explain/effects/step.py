@@ -85,6 +85,11 @@ class Jump(EffectKind):
         """Return how far from an end of the record the jump is."""
         return min(self.time.value, view.series.duration_s - self.time.value)
 
+    def local_power(self, view: View) -> float:
+        """Return the power of the noise around the jump over that of all."""
+        row = self.row(view)
+        return local_power_ratio(view.data, view.grid.rate_hz, row, row)
+
     @staticmethod
     def places(view: View) -> Ints:
         """Return the samples at which a jump is looked for."""
@@ -141,7 +146,7 @@ class Step(Jump, PlacedSignal):
         best, start = max(found, key=lambda one: one[0].gain)
         if _is_hop(view, best):
             return []
-        best = replace(best, gain=best.gain / local_power_ratio(view.data, rate, start, start))
+        best = replace(best, gain=best.gain / best.effect.local_power(view))
         return [cls._near(view, start) if best.excess > 0 else best]
 
     def refine(self, view: View) -> Candidate:

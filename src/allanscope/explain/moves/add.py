@@ -194,7 +194,9 @@ def add_bundle(
             trial = refit_jointly(refit(trial, path))
             gain = trial.spectrum.loglik - view.spectrum.loglik
             members = trial.accepted[first:]
-            if gain > path.spent + penalties(trial, first) and all(c.excess > 0 for c in members):
+            uneven = [c.effect.local_power(trial) for c in members]
+            each = all(c.gain / u > c.penalty for c, u in zip(members, uneven, strict=True))
+            if each and gain / max(uneven) > path.spent + penalties(trial, first):
                 path.accept("add bundle", *members)
                 return judge_members(trial, members)
     return None

@@ -118,6 +118,13 @@ def test_a_step_is_found_to_the_second_and_not_called_random_walk(bench):
     assert after < before / 2
 
 
+def test_a_step_near_the_end_of_a_short_record_is_no_excursion(bench):
+    b = bench(10, 40.0)
+    effect = only(explain(b.record(b.noise() + np.where(b.t >= 4.4, SIGMA, 0))).axes["gx"])
+    assert effect.kind == "step"
+    holds(effect, "time", 4.4)
+
+
 def test_a_step_on_two_axes_is_named_once_with_both(bench):
     b = bench(10)
     step = np.where(b.t >= 600.0, 15e-3, 0.0)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.step import EDGE_S, Jump, Step, instant_before
+from allanscope.explain.effects.step import Jump, Step, edge_of, instant_before
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     joint_fit,
@@ -224,7 +224,7 @@ def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, tuple[floa
     fit = joint_fit(view, _pair(view, row, tc))
     m = grid.low
     weight = fit.spectrum.kept[:m] / fit.spectrum.first(m)
-    edge = int(EDGE_S * grid.rate_hz)
+    edge = edge_of(grid)
     tried = np.unique(
         np.linspace(max(edge, row - reach), min(grid.n - edge, row + reach), _PLACES, dtype=int)
     )

@@ -28,8 +28,9 @@ from allanscope.noise.selection import calibrated_penalty
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-EDGE_S = 5.0
-"""Nearer to an end of the record a jump is a start-up transient, or nothing one could tell."""
+_EDGE_S, _EDGE = 5.0, 0.1
+"""Nearer to an end of the record, or of a short one nearer than this share of it, a jump is a
+start-up transient, or nothing one could tell."""
 
 NEAR_S = 5.0
 """Distance in time up to which two jumps are the same."""
@@ -58,6 +59,11 @@ def row_after(instant: float) -> int:
     (7, 7, 7)
     """
     return int(np.ceil(instant - 0.25))
+
+
+def edge_of(grid: Grid) -> int:
+    """Return how many rows from an end of a record a jump is at least."""
+    return int(min(_EDGE_S * grid.rate_hz, _EDGE * grid.n))
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ class Jump(EffectKind):
     @staticmethod
     def places(view: View) -> Ints:
         """Return the samples at which a jump is looked for."""
-        n, edge = view.grid.n, int(EDGE_S * view.grid.rate_hz)
+        n, edge = view.grid.n, edge_of(view.grid)
         return np.arange(edge, n - edge, max(1, n // view.grid.low))
 
     @staticmethod
@@ -129,7 +135,7 @@ class Step(Jump, PlacedSignal):
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan the whole record."""
         n, rate = view.grid.n, view.grid.rate_hz
-        edge, at = int(EDGE_S * rate), cls.places(view)
+        edge, at = edge_of(view.grid), cls.places(view)
         if len(at) == 0:
             return []
         statistic = view.scan.step(at)
@@ -172,7 +178,7 @@ class Step(Jump, PlacedSignal):
         """Fit a jump at the most likely row near one, under the noise of the joint fit."""
         grid, rate = view.grid, view.grid.rate_hz
         scan = StepScan(grid, view.ordinates, joint_fit(view, _column(view, row)).spectrum)
-        reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(EDGE_S * rate)
+        reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), edge_of(grid)
         tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
         place = scan.place_of_step(tried)
         first, last = ends_of(place.instants)

@@ -34,9 +34,7 @@ from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.series import LOUD, multiple_of
-from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
-from allanscope.noise import NoiseModel
 from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
@@ -54,6 +52,14 @@ _OF_THE_TAPER = 35 / 18
 """Variance of a sum over tapered bins over that of as many independent ones (Hann)."""
 _AMBIGUOUS = 3.0
 """Nats below which the direction cannot be told."""
+_UNEQUAL = 0.01
+"""Share of the gain that tells nothing of it: a slope is not the same everywhere to any digit."""
+_FEWEST, _WIDTH, _ROUNDS = 16, 0.3, 3
+"""Ordinates at the least, and share of its frequency, in a band with a level of its own; and times
+that the slope is found again beside the levels."""
+_GONE, _THERE = 4.0, 10.0
+"""Standard errors of its power above the noise up to which nothing is left of a line, and from
+which it is there."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +154,7 @@ def _candidate(view: View, source: str, d: Array) -> Candidate | None:
         view, x, weight, z2
     ):
         return None
-    telling = _direction(view, source)
+    telling = _direction(view, source) / max(1.0, _UNEQUAL * z2 / 2 / _AMBIGUOUS)
     if telling < -_AMBIGUOUS:
         return None
     column = view.series.column
@@ -255,22 +261,89 @@ def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
 def _direction(view: View, source: str) -> float:
     """Gain of this axis taking from the source less that of the source taking from this axis.
 
-    Both as measured: a line that came along with the rest has one origin, and taking the right
-    share of the right axis removes it. Seen from the source it is the same with the other sign.
+    Both as measured, each with a level of its own in every narrow band: what a model of the noise
+    misses would tell a direction. A line that came along with the rest has one origin, and taking
+    the right share of the right axis removes it. One that neither removes is not from the coupling.
     """
-    grid, textbook = view.grid, NoiseModel(view.base, view.grid.dt)
-    loud = view.source_is_loud(view.axis) | view.source_is_loud(source)
+    series = view.series
+    columns = [series.column(view.axis), series.column(source)]
+    lines: NDArray[np.bool_] = np.logical_or.reduce(
+        series.loud[columns] | series.lines[columns], axis=0
+    )
+    lines[:_FIRST] = False
+    edges = [_FIRST]
+    while (edge := edges[-1] + max(_FEWEST, int(_WIDTH * edges[-1]))) < len(lines) - _FEWEST:
+        edges.append(edge)
+    noise = _Bands.of(edges, ~lines, _FEWEST // 2)
+    if not len(noise.count):
+        return 0.0
+    changes = np.flatnonzero(np.diff(lines, prepend=False))
+    runs = _Bands.of(changes.tolist(), lines) if len(changes) else None
 
-    fitter = SpectrumFitter.of(grid, textbook)
+    def rest(ordinates: Array, of: Array) -> Array:
+        left = ordinates
+        for _ in range(_ROUNDS):
+            weight = noise.spread(1 / noise.power(left), len(lines))
+            normal = float(np.sum(of**2 * weight))
+            slope = float(np.sum(of * ordinates * weight)) / normal if normal > 0 else 0.0
+            left = ordinates - slope * of
+        return left
 
-    def fit(ordinates: Array) -> Spectrum:
-        return fitter.fit(grid.bin_means(ordinates**2))
+    own, other = (series.ordinates[column] for column in columns)
+    both = (own, rest(own, other)), (other, rest(other, own))
+    gains = [noise.count * np.log(noise.power(x) / noise.power(y)) / 2 for x, y in both]
+    telling = float(np.sum(gains[0] - gains[1]))
+    if runs is None:
+        return telling
 
-    def gain(ordinates: Array, of: Array) -> float:
-        bare = fit(ordinates)
-        weight = ~loud / bare.ordinates
-        slope = float(np.sum(of * ordinates * weight) / np.sum(of**2 * weight))
-        return fit(ordinates - slope * of).loglik - bare.loglik
+    def above(ordinates: Array) -> Array:
+        level = np.interp(runs.middle, noise.middle, noise.power(ordinates))
+        return (runs.power(ordinates) / level - 1) * np.sqrt(runs.count / 2)
 
-    own, other = view.source_ordinates(view.axis), view.source_ordinates(source)
-    return gain(own, other) - gain(other, own)
+    before, after = (np.sort([above(pair[i]) for pair in both], axis=0) for i in (0, 1))
+    came_along = (before[0] > _GONE) & (after[0] < _GONE) & (after[1] > _THERE)
+    gains = [runs.count * np.log(runs.power(x) / runs.power(y)) / 2 for x, y in both]
+    return telling + float(np.sum((gains[0] - gains[1])[came_along]))
+
+
+@dataclass(frozen=True)
+class _Bands:
+    """Bands of some of the ordinates.
+
+    Attributes
+    ----------
+    edges : list of int
+        First ordinate of each; the last one ends with the record.
+    used : ndarray of bool, shape (n - 1,)
+        Ordinates that count.
+    count, middle : ndarray, shape (b,)
+        How many of them a band has, and where its middle is; bands of too few are left out.
+    known : ndarray of bool
+        Bands that are not.
+    """
+
+    edges: list[int]
+    used: NDArray[np.bool_]
+    count: Array
+    middle: Array
+    known: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, edges: list[int], used: NDArray[np.bool_], fewest: int = 1) -> Self:
+        """Return bands between edges that have so many ordinates at least."""
+        count = np.add.reduceat(used.astype(np.float64), edges)
+        known = count >= fewest
+        middle = 0.5 * (np.array(edges) + np.append(edges[1:], len(used)))
+        return cls(edges, used, count[known], middle[known], known)
+
+    def power(self, ordinates: Array) -> Array:
+        """Return the mean square in each band, never nothing."""
+        power = np.add.reduceat(ordinates**2 * self.used, self.edges)[self.known] / self.count
+        return np.maximum(power, np.finfo(float).tiny)
+
+    def spread(self, values: Array, size: int) -> Array:
+        """Return values of bands at their ordinates, 0 at all others."""
+        everywhere = np.zeros(len(self.edges))
+        everywhere[self.known] = values
+        lengths = np.diff(self.edges, append=size)
+        return np.concatenate([np.zeros(self.edges[0]), np.repeat(everywhere, lengths)]) * self.used

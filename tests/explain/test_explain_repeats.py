@@ -47,6 +47,20 @@ def _rounded(values: np.ndarray, step: float) -> np.ndarray:
     return np.round(values / step) * step
 
 
+@pytest.mark.parametrize("seed", range(SEEDS))
+def test_equal_rows_in_a_dead_zone_beside_a_loud_tone_are_no_repeats(seed: int) -> None:
+    """A tone of a third of the rate comes back to the zone, and leaves it in the next row."""
+    rng = np.random.default_rng([seed, 1])
+    n, pole = 6000, np.exp((-0.6 * np.pi + 62.6j * np.pi) / RATE)
+    noise = rng.normal(size=n) + 1j * rng.normal(size=n)
+    tone = 14 * lfilter([np.sqrt(1 - abs(pole) ** 2)], [1, -pole], noise).real
+    samples = np.round(tone + rng.normal(0, 3, n))
+    held = np.where(np.abs(samples - 3) < 8, 3.0, samples)
+    assert _proposed(held[:, np.newaxis]) == 0.0
+    again = np.maximum.accumulate(np.where(rng.random(n) < 0.05, 0, np.arange(n)))
+    assert _proposed(held[again][:, np.newaxis]) > 0.03
+
+
 def _filtered(values: np.ndarray) -> np.ndarray:
     return 3 * lfilter(*butter(2, 0.15), values, axis=0)
 

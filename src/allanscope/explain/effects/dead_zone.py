@@ -71,7 +71,9 @@ class DeadZone(EffectKind):
         known = [c.effect.level.value for c in view.accepted if isinstance(c.effect, cls)]
         for crowded in view.crowded_codes:
             ends = (
-                _ends(view, crowded) if crowded.side == 0 and crowded.value not in known else None
+                values_beside(view, crowded)
+                if crowded.side == 0 and crowded.value not in known
+                else None
             )
             if ends is None:
                 continue
@@ -88,7 +90,7 @@ class DeadZone(EffectKind):
             )
 
 
-def _ends(view: View, crowded: CrowdedCode) -> tuple[float, float] | None:
+def values_beside(view: View, crowded: CrowdedCode) -> tuple[float, float] | None:
     """Return the next values below and above that occur; None where they are not far enough."""
     samples = view.samples[~view.series.bridged]
     apart = samples - crowded.value

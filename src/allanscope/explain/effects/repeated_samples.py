@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.dead_zone import values_beside
 from allanscope.explain.values import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.view import View
 from allanscope.noise.filters import Filter, HeldPattern, HeldSamples
@@ -228,8 +229,12 @@ def _alone(view: View, equal: NDArray[np.bool_], least: float) -> tuple[float, f
 
 
 def _within_limits(view: View) -> Array:
-    """Return the samples, NaN at a limit, where neighbours are equal without being repeats."""
-    limits = [crowded.value for crowded in view.crowded_codes if crowded.side]
+    """Return the samples, NaN at a limit or in a dead zone, where equal ones are no repeats."""
+    limits = [
+        crowded.value
+        for crowded in view.crowded_codes
+        if crowded.side or values_beside(view, crowded)
+    ]
     return np.where(np.isin(view.samples, limits), np.nan, view.samples) if limits else view.samples
 
 

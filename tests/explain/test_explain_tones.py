@@ -13,7 +13,7 @@ from allanscope.explain.effects.drifting_line import Cluster, DriftingLine, clus
 from allanscope.explain.effects.random_telegraph import _candidate as telegraph
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import Unexplained
-from allanscope.explain.moves.resolve_tones import _is_tail
+from allanscope.explain.moves.resolve_tones import _is_tail, _without_level_ends
 from allanscope.explain.series import series_of
 from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
 from allanscope.explain.view import View
@@ -144,3 +144,27 @@ def test_a_slow_line_of_a_short_record_is_not_many_that_overlap(bench):
     found = clusters(view, 0.3, 1.8)
     assert 1 <= len(found) <= 2
     assert all(one.stop <= other.first for one, other in pairwise(found))
+
+
+def test_a_range_that_was_left_out_too_wide_ends_with_what_is_in_it():
+    """Unless what is beyond is no noise."""
+    rate, n = 100.0, 20_000
+    rng = np.random.default_rng(6)
+    t = np.arange(n) / rate
+    record = Record(
+        rate_hz=rate,
+        stride=1,
+        axes=("gx",),
+        values=(rng.normal(size=n) + np.sin(2 * np.pi * 12 * t))[:, np.newaxis],
+        lsb=(1e-9,),
+        temperature_c=np.full(n, np.nan),
+        start_s=t,
+        segments=np.array([[0, n]], np.int64),
+    )
+    view = View.of(series_of(record), "gx")
+    wide = Cluster(round(9 * 2 * n / rate), round(16 * 2 * n / rate))
+    parts = clusters(view, 9.0, 16.0)
+    assert len(parts) == 1
+    assert _without_level_ends(view, wide, parts) == parts[0]
+    part = Cluster(parts[0].first + 2, parts[0].first + 4)
+    assert _without_level_ends(view, wide, [part]) == wide

@@ -36,6 +36,8 @@ _WIDE = 1.5
 """Ratio of its ends from which a range without a name is no line."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
+_LEVEL = 0.5
+"""Excess over the noise up to which the ends of a range are level."""
 _FAINT = 0.01
 """Gain over that of a line within a bandwidth of it, from which a part is more than its tail."""
 
@@ -49,7 +51,9 @@ def resolve_tones(view: View, path: SearchPath) -> View:
     ]
     for whole, effect in tones:
         low, high = effect.frequency_low.value, effect.frequency_high.value
-        band, parts = range_of(view, low, high), clusters(view, low, high)
+        parts = clusters(view, low, high)
+        band = _without_level_ends(view, range_of(view, low, high), parts)
+        low, high = _frequency(view, band.first), _frequency(view, band.stop)
         # A carrier and its sidebands; or so near to each other that they will be.
         is_one = len(whole.excluded) > 1 or high - low < _FAMILY * high
         if is_one or excess(view, *parts) < _MOST * excess(view, band):
@@ -78,6 +82,23 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
+
+
+def _without_level_ends(view: View, band: Cluster, parts: list[Cluster]) -> Cluster:
+    """Return the range from its first cluster to its last, if nothing is beyond these.
+
+    When it was left out less was known of the noise, and it may have been taken for too wide.
+    """
+    if not parts:
+        return band
+    hull = Cluster(parts[0].first, parts[-1].stop)
+    beyond = Cluster(band.first, hull.first), Cluster(hull.stop, band.stop)
+    noise = sum(float(view.spectrum.ordinates[one.first : one.stop].sum()) for one in beyond)
+    return hull if excess(view, *beyond) < _LEVEL * noise else band
+
+
+def _frequency(view: View, ordinate: int) -> float:
+    return (ordinate + 1) * view.grid.rate_hz / (2 * view.grid.n)
 
 
 def _is_tail(part: Candidate, lines: list[Candidate]) -> bool:

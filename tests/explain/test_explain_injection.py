@@ -91,3 +91,16 @@ def test_a_band_is_where_its_width_is(injection):
     assert injection._is_same(band("sinusoid", 13.9, 0.0), known)
     assert not injection._is_same(band("narrowband", 18.0, 3.0), known)
     assert not injection._is_same(band("sinusoid", 13.9, 0.0), band("sinusoid", 12.1, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("axis", "kind", "times", "seed"),
+    [
+        ("gz", "variance_change", 10.0, [7, 0, 11, 2, 100]),
+        ("ax", "cross_coupling", 10.0, [7, 0, 17, 3, 100]),
+    ],
+)
+def test_what_the_noise_itself_holds_hides_no_effect(injection, axis, kind, times, seed):
+    """A filter is one in a record of two levels; and it tells not who leaks into whom."""
+    (one,) = injection.carriers([PATH], (axis,))
+    assert injection.trial(one, kind, times, seed) == injection.Outcome(right=True, false=0)

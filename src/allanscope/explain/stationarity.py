@@ -46,6 +46,8 @@ _LADDER = (4, 8, 16, 32)
 """Parts of time into which a record is cut to see a process come and go."""
 _FIRST, _FEWEST, _CELLS = 1, 2, 12
 """First ordinate of a part, ordinates of a cell and most cells."""
+_LEAST_BESIDE, _LEAST_OF_FILTER = 100, 48
+"""Ordinates of a part that tell how loud it is: beside a process, and all of those of a filter."""
 _MARGIN, _ROUNDING = 3, 0.1
 """Ordinates beside a range that was cut out into which its edge leaks; and the share of the power
 that rounding may have where a process is looked at."""
@@ -163,7 +165,7 @@ def _unsteadiness(
     if is_filter:
         beside = inside
     loud = np.ones(parts)
-    if np.count_nonzero(beside) > 100:
+    if np.count_nonzero(beside) > (_LEAST_OF_FILTER if is_filter else _LEAST_BESIDE):
         loud = np.mean(power[:, beside] / rest[beside], axis=1)
         loud /= loud.mean()
         if beside is not inside and float(np.var(loud)) * np.count_nonzero(beside) < _ALIKE:

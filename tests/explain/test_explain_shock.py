@@ -301,3 +301,16 @@ def test_a_short_shock_is_loud_beside_louder_lines():
     assert found.first / RATE == pytest.approx(160.0, abs=0.1)
     assert found.sigma["gx"] == pytest.approx(1.0, rel=0.05)
     assert shocks(rng.standard_normal(len(t)) + lines) == []
+
+
+@pytest.mark.parametrize(("seed", "rows"), [(1, 50_000), (9, 50_000), (4, 70_000)])
+def test_rows_of_noise_that_is_louder_for_a_while_are_no_shock(seed, rows):
+    """Some of them are far out for quiet noise, and now and then none is for a second."""
+    rng = np.random.default_rng([seed, rows, 3])
+    x = rng.normal(size=rows) * 0.04
+    x[int(0.45 * rows) : int(0.55 * rows)] *= 3
+    assert find_shock_rows({"gx": x}, 100.0, {"gx": 1e-9}) == []
+    t = np.arange(rows) / 100.0
+    x += ringing(t, 1.0, at=rows / 500.0)
+    (found,) = find_shock_rows({"gx": x}, 100.0, {"gx": 1e-9})
+    assert abs(found.first - rows / 5) < 20

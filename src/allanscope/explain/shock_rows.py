@@ -43,6 +43,8 @@ _MEANS = (4, 12)
 """Rows over which means are taken as well."""
 _LEAST_ROWS = 5
 """Loud rows of a shock; fewer are outliers."""
+_LOUDER = 1.5
+"""Robust deviation of the rows beside a shock, over that of all, from which the noise is louder."""
 _AT_KNOWN_TIME = 2
 """Loud rows of an axis that are enough where another one tells when."""
 _GAP_S, _LONGEST_S = 1.0, 10.0
@@ -354,10 +356,22 @@ def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
         for part in np.split(loud, np.flatnonzero(np.diff(loud) > max(2.0, _GAP_S * rate_hz)) + 1)
         if len(part) >= _LEAST_ROWS and part[-1] - part[0] < _LONGEST_S * rate_hz
     ]
+    reach = int(_LONGEST_S * rate_hz)
+    spans = [span for span in spans if _stands_out(away, *span, reach)]
     rows = sum(stop - first for first, stop in spans)
     if len(spans) > _MOST_SHOCKS or rows > _MOST * len(away.rows):
         return []
     return [_group(axis, away, *span, rate_hz) for span in spans]
+
+
+def _stands_out(away: _Away, first: int, stop: int, reach: int) -> bool:
+    """Return whether rows are loud against those beside them: noise may be louder for a while."""
+    beside = np.abs(np.r_[away.rows[max(0, first - reach) : first], away.rows[stop : stop + reach]])
+    around = MAD_TO_SIGMA * median(beside) if len(beside) else 1.0
+    if around < _LOUDER:
+        return True
+    loud = away.beyond(_LOUD * around, slice(first, stop))
+    return bool(np.count_nonzero(loud) >= _LEAST_ROWS)
 
 
 def _group(axis: str, loud: _Away, first: int, stop: int, rate_hz: float) -> _Group:

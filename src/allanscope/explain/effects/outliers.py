@@ -44,7 +44,7 @@ _FEWEST_IN_TAIL, _MOST_APART = 20, 10
 """Samples that tell how a tail falls at the least, and most apart from it: more are a tail."""
 _MOST = 0.02
 """More than this share of outliers is a distribution. Of up to it, none was named in samples of
-Student's t with 1 to 5 degrees of freedom, Laplace's, or noise of log-normal amplitude."""
+Student's t with 2 to 8 degrees of freedom, Laplace's, or noise of log-normal amplitude."""
 
 
 @dataclass(frozen=True)

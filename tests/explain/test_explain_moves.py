@@ -16,6 +16,7 @@ from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS, gauss_markov, narrowband
 from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.outliers import Outliers
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.gates import (
@@ -179,8 +180,8 @@ def test_outliers_that_a_coupling_explains_are_given_back(bad: float) -> None:
     rows = np.column_stack([axis, 3 * envelope * noise(13)])
     series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, np.zeros(N, np.bool_))
     view = View(series, series.grid, "gx", rows[:, 0], 0.0)
-    found = best_of(view, "outliers")
-    view = view.accept(found)
+    signal = np.where(np.abs(axis) >= np.sort(np.abs(axis))[-4], axis, 0.0)
+    view = view.accept(Candidate(Outliers(Estimate(4.0), 6.0), 50.0, signal=signal))
     view = view.accept(best_of(view, "amplitude_coupling"))
     path = SearchPath()
     left = give_back(view, path)

@@ -36,8 +36,8 @@ _WIDE = 1.5
 """Ratio of its ends from which a range without a name is no line."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
-_LEVEL = 0.5
-"""Excess over the noise up to which the ends of a range are level."""
+_LEVEL, _SURELY = 0.5, 3.0
+"""Excess over the noise, and that in standard errors, up to which the ends of a range are level."""
 _FAINT = 0.01
 """Gain over that of a line within a bandwidth of it, from which a part is more than its tail."""
 
@@ -94,7 +94,9 @@ def _without_level_ends(view: View, band: Cluster, parts: list[Cluster]) -> Clus
     hull = Cluster(parts[0].first, parts[-1].stop)
     beyond = Cluster(band.first, hull.first), Cluster(hull.stop, band.stop)
     noise = sum(float(view.spectrum.ordinates[one.first : one.stop].sum()) for one in beyond)
-    return hull if excess(view, *beyond) < _LEVEL * noise else band
+    count = max(1, sum(one.stop - one.first for one in beyond))
+    level = min(_LEVEL, _SURELY * math.sqrt(2.0 / count))
+    return hull if excess(view, *beyond) < level * noise else band
 
 
 def _frequency(view: View, ordinate: int) -> float:

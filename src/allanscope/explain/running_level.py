@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from allanscope.median import median
 
-__all__ = ["hold_a_line", "running_level"]
+__all__ = ["may_hold_a_line", "running_level"]
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ def running_level(tail: Array) -> Array:
     return np.asarray(np.exp(np.interp(np.arange(len(tail)), centres, np.log(levels))))
 
 
-def hold_a_line(tail: Array, ratio: float) -> bool:
+def may_hold_a_line(tail: Array, ratio: float) -> bool:
     """Return whether a periodogram may reach so many times its running level anywhere.
 
     Between the centres of two blocks that is at least the lower of both.
@@ -33,7 +33,7 @@ def hold_a_line(tail: Array, ratio: float) -> bool:
     Examples
     --------
     >>> flat = np.ones(1000)
-    >>> hold_a_line(flat, 2.0), hold_a_line(flat + 5.0 * (np.arange(1000) == 400), 2.0)
+    >>> may_hold_a_line(flat, 2.0), may_hold_a_line(flat + 5.0 * (np.arange(1000) == 400), 2.0)
     (False, True)
     """
     centres, levels = _blocks(tail)

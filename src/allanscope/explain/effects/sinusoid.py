@@ -33,7 +33,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
-from allanscope.explain.running_level import hold_a_line, running_level
+from allanscope.explain.running_level import may_hold_a_line, running_level
 from allanscope.explain.slow_waves import SlowWaves
 from allanscope.explain.stationarity import constancy
 from allanscope.explain.view import View
@@ -264,7 +264,7 @@ def _fast_lines(view: View) -> list[float]:
     size = next_fast_len(2 * n, real=True)
     power = np.abs(rfft(view.data - view.data.mean(), size)) ** 2 / n
     lowest, price = int(_SLOW_CYCLES * size / n) + 1, float(np.log(0.75 * n / ALPHA))
-    if not hold_a_line(power[lowest:], price):
+    if not may_hold_a_line(power[lowest:], price):
         return []
     frequency = np.arange(len(power)) * rate / size
     ordinate = np.clip((frequency[lowest:] * 2 * n / rate).astype(int) - 1, 0, n - 2)

@@ -111,7 +111,7 @@ def column_of(header: str) -> Column | None:
     match = _NAME.fullmatch(header[:80])
     if match is None:
         return None
-    name = re.sub(r"[\s.\-]+", "", match[1].lower()).strip("_")
+    name = _joined(match[1])
     unit = unit_of_text(match[2] or "")
     found = _named(name, unit)
     if found is None and not unit and "_" in name:
@@ -122,6 +122,11 @@ def column_of(header: str) -> Column | None:
             if found is None and any(unit in units for units in DIVISORS.values()):
                 found = _named("_".join(parts[:-size]), unit)
     return found
+
+
+def _joined(name: str) -> str:
+    """Return a name in small letters, without blanks, dots and hyphens."""
+    return re.sub(r"[\s.\-]+", "", name.lower()).strip("_")
 
 
 def in_unknown_unit(header: str) -> bool:
@@ -178,7 +183,7 @@ def _loosely(cells: Sequence[str], sensor: Quantity) -> list[Column | None]:
     for cell in cells:
         match = _NAME.fullmatch(cell[:80])
         index = match[2] if match and match[2] in ("0", "1", "2") else ""
-        name = re.sub(r"[\s.\-]+", "", match[1].lower()).strip("_") + index if match else ""
+        name = _joined(match[1]) + index if match else ""
         axis = _LOOSE.fullmatch(name)
         column = None
         if axis and match and ("accel" if axis[1] or axis[4] else "gyro") == sensor:

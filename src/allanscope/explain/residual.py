@@ -132,7 +132,8 @@ def _independent(count: Array, innovations: Array) -> Array:
     """
     power = np.array([np.mean(part**2) for part in np.array_split(innovations, _PARTS)])
     lag = np.arange(1, len(power))
-    squares = (dct(power)[1:] / dct(power)[0]) ** 2
+    mean, *swings = dct(power)
+    squares = (np.array(swings) / mean) ** 2
     shares = np.maximum(1 - lag / count[:, np.newaxis], 0.0)
     return np.asarray(count / (1 + 2 * shares @ squares))
 

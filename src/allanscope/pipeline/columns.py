@@ -15,6 +15,7 @@ from allanscope.wire.text import (
     Column,
     Quantity,
     accel_comes_first,
+    assumed_as,
     column_of,
     columns_of,
     gyro_unit,
@@ -341,7 +342,7 @@ def with_guesses(columns: Columns) -> Columns:
         names = dict.fromkeys(units[axis] for axis in silent)
         words = " and ".join("counts (lsb)" if name == "lsb" else name for name in names)
         why = why if told in names else ""
-        said[sensor] = f"no unit of {sensor} is given: {words} assumed{', as ' * bool(why)}{why}"
+        said[sensor] = f"no unit of {sensor} is given: {assumed_as(words, why)}"
     return replace(columns, units=units, assumed=(*columns.assumed, *filter(None, said.values())))
 
 

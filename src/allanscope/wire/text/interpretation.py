@@ -22,6 +22,7 @@ from allanscope.wire.text.units import (
     SMALLEST,
     Quantity,
     accel_comes_first,
+    assumed_as,
     gyro_unit,
     quantity_named,
     unit_by_gravity,
@@ -293,9 +294,7 @@ class TextInterpreter:
             elif sensor == "gyro":
                 unit, why = gyro_unit(values, accel)
             words = "counts (lsb)" if unit == "lsb" else _spelt(unit)
-            remarks.append(
-                f"the text gives no unit of {sensor}: {words} assumed{', as ' * bool(why)}{why}"
-            )
+            remarks.append(f"the text gives no unit of {sensor}: {assumed_as(words, why)}")
         full_scale = self._settings.gyro_fs if sensor == "gyro" else self._settings.accel_fs
         if unit == "lsb" and full_scale is None:
             assumed = f"{RESET_FULL_SCALES[sensor]:g} {_USUAL[sensor]} assumed"

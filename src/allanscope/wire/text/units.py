@@ -24,6 +24,7 @@ __all__ = [
     "SMALLEST",
     "Quantity",
     "accel_comes_first",
+    "assumed_as",
     "gyro_unit",
     "quantity_named",
     "unit_by_gravity",
@@ -128,6 +129,15 @@ def quantity_named(group: str, unit: str) -> tuple[Quantity, str]:
         choices = ", ".join(DIVISORS[quantity])
         raise UsageError(f"unknown unit {unit!r} of {quantity}; choose one of {choices}")
     return quantity, known
+
+
+def assumed_as(words: str, why: str) -> str:
+    """Return what is said of a unit that is assumed, with the reason where there is one.
+
+    >>> assumed_as("g", "gravity has that size"), assumed_as("dps", "")
+    ('g assumed, as gravity has that size', 'dps assumed')
+    """
+    return f"{words} assumed, as {why}" if why else f"{words} assumed"
 
 
 def gyro_unit(values: NDArray[Any], accel: str) -> tuple[str, str]:

@@ -22,6 +22,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.special import chdtrc
 
 from allanscope.explain.candidate import Candidate, HeldOut
@@ -121,12 +122,12 @@ def _power(view: View) -> tuple[Array, Array]:
         for low, high in pairwise(edges)
         if (most := np.count_nonzero(kept[low:high]) / _BLOCKS) >= _FEWEST
     ]
-    ordinates = np.zeros((len(bands), n))
-    for own, (low, high, _) in zip(ordinates, bands, strict=True):
-        own[low:high] = white[low:high]
     powers, freedoms = [], []
-    for own, (*_, most) in zip(in_time(ordinates), bands, strict=True):
-        squares = own**2
+    for low, high, most in bands:
+        # No more rows than tell the squares of this band, which reach twice its frequency.
+        ordinates = np.zeros(min(next_fast_len(2 * high, real=True) - 1, n))
+        ordinates[low:high] = white[low:high]
+        squares = in_time(ordinates) ** 2
         squares = np.minimum(squares, _CAP * squares.mean())
         power = block_means(squares, _BLOCKS)
         # What neighbours differ by more than chance makes them tells less of the level.

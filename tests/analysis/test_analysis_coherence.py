@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope import analyse
-from allanscope.analysis.coherence import _spectrum, common_of, leak_of
+from allanscope.analysis.coherence import common_of, leak_of
 from allanscope.analysis.findings import Finding, Member
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record
@@ -103,12 +103,3 @@ def test_the_result_lists_what_axes_have_in_common():
     (found,) = result.common
     assert found.axes == ("gx", "gz")
     assert result.to_dict()["common"][0]["axes"] == ["gx", "gz"]
-
-
-@pytest.mark.parametrize("n", [2 * 10_007, 10_007, 20_000])
-def test_the_transform_of_an_awkward_length_is_that_of_any(n):
-    # Twice a prime, a prime, and a length that is quick.
-    values = np.random.default_rng(1).standard_normal(n)
-    known = np.fft.rfft(values)
-    assert _spectrum(values).shape == known.shape
-    np.testing.assert_allclose(_spectrum(values), known, rtol=0, atol=1e-11)

@@ -15,7 +15,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import fft, prev_fast_len, rfft
+from scipy.fft import prev_fast_len, rfft
 
 from allanscope.analysis.findings import Finding, line_of
 from allanscope.analysis.line_origin import reduced, without_trend
@@ -101,7 +101,7 @@ def common_of(
     Parameters
     ----------
     record : Record
-        Its longest piece without a gap is looked at.
+        Its longest piece without a gap is looked at, but for at most 1 % of a long one.
     findings : sequence of Finding
         Among which the cause is looked for.
     threads : int
@@ -113,9 +113,10 @@ def common_of(
     (Carter, Knapp and Nuttall 1973).
     """
     first, last = max(record.segments.tolist(), key=lambda s: s[1] - s[0], default=(0, 0))
-    values = record.values[first:last]
+    # A length with a large prime factor, as most records have, takes several times as long.
+    n = prev_fast_len(last - first) if last > first else 0
+    values = record.values[first : first + n]
     moving = [k for k in range(len(record.axes)) if len(values) and np.ptp(values[:, k]) > 0]
-    n = len(values)
     if len(moving) < 2 or n < 8 * _FEWEST_BINS:
         return ()
     with ThreadPoolExecutor(threads) as pool:
@@ -159,7 +160,7 @@ def _whitened(
     values: Array, window: Array
 ) -> tuple[NDArray[np.complex128], Array, NDArray[np.bool_]]:
     """Return the spectrum of an axis made white, its power, and the bins that are no lines."""
-    spectrum = _spectrum(without_trend(values) * window)
+    spectrum = np.asarray(rfft(without_trend(values) * window), np.complex128)
     power = np.abs(spectrum) ** 2
     steps = max(1, int(_SMOOTHED * math.log2(len(power) / 4)))
     edges = np.unique(np.r_[1, np.geomspace(4, len(power), steps).astype(int)])
@@ -169,23 +170,6 @@ def _whitened(
     white = spectrum / np.sqrt(level)
     power = np.abs(white) ** 2
     return white, power, power < _LOUD
-
-
-def _spectrum(values: Array) -> NDArray[np.complex128]:
-    """Return the Fourier transform of real values from bin 0 to the Nyquist frequency.
-
-    A length with a large prime factor, as most records have, takes a transform of more than twice
-    that length, complex for real values too. Of the even and the odd ones as real and imaginary
-    parts it is half as long.
-    """
-    n = len(values)
-    if n % 2 or n == prev_fast_len(n, real=True):
-        return np.asarray(rfft(values), np.complex128)
-    both = np.asarray(fft(values.view(np.complex128)), np.complex128)
-    both = np.append(both, both[0])
-    mirrored = both[::-1].conj()
-    turn = np.exp(-2j * np.pi / n * np.arange(n // 2 + 1))
-    return np.asarray((both + mirrored - 1j * turn * (both - mirrored)) / 2, np.complex128)
 
 
 def _joined(found: Sequence[CoherentBand]) -> list[CoherentBand]:

@@ -183,8 +183,13 @@ def starts(folder: Path, quick: bool) -> list[Figure]:
     made = folder / "ten.mcap"
     _run("simulate", str(made), "--hours", "0.1667", "--quiet")
     analyse = [*ALLANSCOPE, "analyse", str(made), "--quiet", "--json", str(folder / "ten.json")]
-    first, later = (seconds(analyse, folder / "cache") for _ in range(2))
-    rows = [Figure("first analyse over a later one", first[0] / later[0], "", goal=1.3)]
+    bare, later = (seconds(analyse, folder / "cache") for _ in range(2))
+    _forget_files()
+    first = seconds(analyse)
+    rows = [
+        Figure("first analyse over a later one, as pip leaves it", first[0] / later[0], "", 1.3),
+        Figure("the same without bytecode", bare[0] / later[0], "", goal=1.3),
+    ]
     for name, words in (
         ("replay", ["replay", str(made), "--view", "none", "--out", str(folder / "out")]),
         ("analyse", ["analyse", str(made)]),
@@ -195,6 +200,13 @@ def starts(folder: Path, quick: bool) -> list[Figure]:
         rows.append(Figure(f"{name}: start to its input", wall_s, "s", goal=0.7))
         rows.append(Figure(f"{name}: start to its input, processor time", cpu_s, "s"))
     return rows
+
+
+def _forget_files() -> None:
+    """Let the system forget what it has read of files, where that is allowed (Linux, as root)."""
+    os.sync()
+    with contextlib.suppress(OSError):
+        Path("/proc/sys/vm/drop_caches").write_text("3\n")
 
 
 def _run(*words: str) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from allanscope.explain import explain
 from allanscope.explain.effects import random_telegraph
-from support.measured import analysed
+from support.measured import MEASURED
+from support.thinned import thinned
 
 SIGMA = 4e-3 * 52.0**0.5
 
@@ -61,6 +65,7 @@ def test_smooth_noise_on_two_codes_is_no_telegraph_signal(bench, seed):
 
 
 def test_a_shock_in_a_car_is_no_telegraph_signal():
-    result = analysed("asm330lhhx-vehicle")
-    found = result.axes["gy"].explanation.effects
+    table = pq.read_table(MEASURED / "asm330lhhx-vehicle.parquet")
+    record = thinned(table["gy[dps]"].to_numpy()[:, np.newaxis], lsb=4.375e-3)
+    found = explain(replace(record, axes=("gy",), rate_hz=52.0)).axes["gy"].effects
     assert "random_telegraph" not in [effect.kind for effect in found]

@@ -59,6 +59,7 @@ def command(*arguments: object) -> subprocess.CompletedProcess[str]:
 def test_a_fleet_reads_from_s3_and_writes_there(
     s3: fsspec.AbstractFileSystem, bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And goes on there: in parts in the place of the whole table, and against an earlier lot."""
     monkeypatch.chdir(tmp_path)
     out = "s3://bench/result"
     ended = command(f"{bench}/**/*.mcap", "--out", out)
@@ -77,29 +78,23 @@ def test_a_fleet_reads_from_s3_and_writes_there(
     s3.invalidate_cache()
     results = s3.glob("bench/result/results/*/*.json.gz")
     assert len(results) == 3
-    again = command(f"{bench}/**/?.mcap", "--out", out)
+
+    s3.copy("bench/result/lot.parquet", "bench/whole/lot.parquet")
+    again = command(f"{bench}/**/?.mcap", "--out", out, "--partition", "unit,axis")
     assert again.stdout.startswith("3 recordings analysed earlier"), again.stderr
     assert again.returncode == 0
-
-
-def test_a_partitioned_lot_on_s3_is_compared_with(
-    s3: fsspec.AbstractFileSystem, bench: str
-) -> None:
-    """By the folder of the results and by its table; an earlier table that was whole is gone."""
-    out = "s3://bench/parted"
-    s3.pipe_file("bench/parted/lot.parquet", b"of an earlier run")
-    ended = command(f"{bench}/**/?.mcap", "--out", out, "--partition", "unit,axis")
-    assert ended.returncode == 0, ended.stderr
     s3.invalidate_cache()
-    assert not s3.isfile("bench/parted/lot.parquet")
-    assert len(s3.glob("bench/parted/lot.parquet/unit=*/axis=*/*.parquet")) == 12
-    for place in (out, f"{out}/", f"{out}/lot.parquet"):
+    assert not s3.isfile("bench/result/lot.parquet")
+    assert len(s3.glob("bench/result/lot.parquet/unit=*/axis=*/*.parquet")) == 12
+    for place in (out, f"{out}/", f"{out}/lot.parquet", "s3://bench/whole"):
         lot = find_lot(place)
         assert lot is not None
         assert len(lot) == 18
         assert set(lot.units) == {"0001", "0002"}
-    again = command(f"{bench}/**/?.mcap", "--out", "s3://bench/later", "--compare", out)
-    assert again.returncode == 0, again.stderr
+
+    s3.copy("bench/result/lot.parquet", "bench/parted/lot.parquet", recursive=True)
+    last = command(f"{bench}/**/?.mcap", "--out", out, "--compare", "s3://bench/parted")
+    assert last.returncode == 0, last.stderr
     with pytest.raises(InputError, match="s3://bench/nothing is not the result of a fleet"):
         find_lot("s3://bench/nothing")
 

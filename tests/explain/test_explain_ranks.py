@@ -8,6 +8,7 @@ Ranks pass where a Kolmogorov-Smirnov test gives them 5 % or more, at fixed seed
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.fft import idct
 from scipy.signal import lfilter
 from scipy.stats import kstest, norm
@@ -148,6 +149,20 @@ def test_the_time_constant_of_a_relaxation_is_as_well_known_as_is_said():
         found = relaxation.Relaxation._near(view, int(np.ceil(at * RATE)), tc).finished()
         ranks.append(rank(found.effect.time_constant, tc))
     assert_apt(ranks)
+
+
+@pytest.mark.parametrize(("tc", "named"), [(0.8, False), (2.0, False), (8.0, True)])
+def test_what_relaxes_sooner_than_is_looked_for_has_no_time_constant(tc: float, named: bool):
+    """The likeliest of those that are tried would be the shortest, whatever it is."""
+    rng, n = np.random.default_rng(37), 6000
+    since = np.arange(n) / RATE - 40.0
+    creep = 0.5 + 4.0 * np.exp(-np.maximum(since, 0.0) / tc)
+    view = view_of(rng.standard_normal(n) + (since >= 0) * creep)
+    row = int(np.ceil(40.0 * RATE))
+    found = [relaxation.Relaxation._near(view, row, start) for start in (3.0, 9.0)]
+    assert [one is not None for one in found] == [named, named]
+    kinds = [one.kind for one in relaxation.Relaxation.candidates(view)]
+    assert kinds == ["relaxation"] * named
 
 
 def test_a_jump_is_anywhere_between_its_row_and_the_one_before():

@@ -52,6 +52,8 @@ _PLACES = 41
 """Rows tried in a turn."""
 _REACH = 20
 """Rows to each side of the best, at the least: so far every row is one of them."""
+_UNBENT = 0.02
+"""Of ln tau: as near to its least value the likelihood has no maximum."""
 _STEP, _LEAP = 0.02, 0.4
 """Of ln tau: over which derivatives are taken, and the most that it moves in one turn."""
 _CREEPS = 3.5
@@ -166,9 +168,11 @@ class Relaxation(Jump):
                 partial(_loss, view, row),
                 float(np.log(max(tc / 2.0, _SHORTEST_S))),
                 float(np.log(min(tc * 2.0, longest))),
-                within=0.01,
+                within=_UNBENT / 2,
             )
             tc = float(np.exp(best))
+        if tc < _SHORTEST_S * np.exp(_UNBENT):  # shorter would be likelier
+            return None
         columns = _columns(view, row, tc)
         fit = joint_fit(view, columns[:2])
         covariance = marginal_covariance(view, columns, joint_fit(view, columns))

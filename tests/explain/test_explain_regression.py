@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 
-from allanscope.explain.regression import joint_fit, step_ordinates
+from allanscope.explain.regression import joint_fit, relaxing_ordinates, step_ordinates
 from allanscope.explain.series import series_of
 from allanscope.explain.slow_waves import SlowWaves
 from allanscope.explain.view import View
@@ -33,6 +33,17 @@ def test_one_signal_is_fitted_by_the_loop_as_several_are(excluded: tuple) -> Non
     assert one.powers == pytest.approx(both.powers, rel=1e-6)
     assert one.power == pytest.approx(both.power, rel=1e-9)
     assert abs(one.amplitude[0] - 0.003) < 4 * np.sqrt(one.covariance[0, 0])
+
+
+@pytest.mark.parametrize("at", [0, 1, 4001, 8999])
+@pytest.mark.parametrize("tau", [1e-3, 0.3, 5.0, 1e5])
+def test_a_relaxation_has_the_ordinates_of_the_transform(at: int, tau: float) -> None:
+    grid = Grid(9001, RATE)
+    since = np.arange(grid.n) - at
+    creep = np.where(since >= 0, np.exp(-np.maximum(since, 0) / (tau * RATE)), 0.0)
+    expected = dct(creep, norm="ortho")[1:501]
+    found = relaxing_ordinates(grid, at, tau, 500)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("cycles", [3.0, 3.25, 7.3, 20.5, 39.75])

@@ -52,7 +52,6 @@ _fit_loop = kernel(
     *(float, int, float, _OUT, _OUT, _OUT, _OUT),
     returns=float,
 )
-Complex = NDArray[np.complex128]
 
 _ROUNDS = 8
 """Most turns of amplitudes and noise."""
@@ -107,15 +106,28 @@ def ordinates_of(signal: Array) -> Array:
 
 def step_ordinates(grid: Grid, at: int, size: int) -> Array:
     """First ordinates of a unit step at sample `at`, in closed form."""
-    angle, twice_sine = _angles(grid, size)
-    return np.asarray(-np.sqrt(2 / grid.n) * np.sin(angle * at) / twice_sine)
+    _, sine = _waves(grid, at, size)
+    return np.asarray(-np.sqrt(2 / grid.n) * sine / (2 * _halves(grid, size)[1]))
 
 
 @lru_cache(maxsize=4)
-def _angles(grid: Grid, size: int) -> tuple[Array, Array]:
-    """Return the phase of the first cosines from one sample to the next, and 2 sin of its half."""
-    angle = np.pi * np.arange(1, size + 1) / grid.n
-    return angle, 2 * np.sin(angle / 2)
+def _halves(grid: Grid, size: int) -> tuple[Array, Array, Array]:
+    """Return cos and sin of half the phase from one sample to the next, and the sign at the end."""
+    half = 0.5 * _phases(grid, size)
+    return np.cos(half), np.sin(half), np.where(np.arange(1, size + 1) % 2, -1.0, 1.0)
+
+
+@lru_cache(maxsize=4)
+def _phases(grid: Grid, size: int) -> Array:
+    """Return by what the first cosines go on from one sample to the next, in rad."""
+    return np.pi * np.arange(1, size + 1) / grid.n
+
+
+@lru_cache(maxsize=4)  # a step and what relaxes after it begin together, many with the record
+def _waves(grid: Grid, at: int, size: int) -> tuple[Array, Array]:
+    """Return cos and sin of the phase in which the first cosines are at sample `at`."""
+    phase = _phases(grid, size) * at
+    return np.cos(phase), np.sin(phase)
 
 
 @lru_cache(maxsize=64)  # every axis is searched for the same few time constants
@@ -127,20 +139,28 @@ def exponential_ordinates(grid: Grid, tau: float, size: int) -> Array:
 
 
 def relaxing_ordinates(grid: Grid, at: int, tau: float, size: int) -> Array:
-    """First ordinates of exp(-(t - t0) / tau) from sample `at` on, in closed form."""
-    turn, begin, end = _turns(grid, at, size)
-    phi = np.exp(-1 / (tau * grid.rate_hz))
-    last = np.exp(-(grid.n - at) / (tau * grid.rate_hz)) * end
-    total = begin * (1 - last) / (1 - phi * turn)
-    return np.asarray(np.sqrt(2 / grid.n) * total.real)
+    r"""First ordinates of exp(-(t - t0) / tau) from sample `at` on, in closed form.
+
+    With the phase a from one sample to the next and f = exp(-1 / (tau rate)) they are the geometric
+    series
+
+    .. math:: \sqrt{2/n} \, \mathrm{Re} \left[ \left(e^{i a t_0} - (-1)^k f^{n - t_0}\right)
+              \frac{e^{i a / 2}}{1 - f e^{i a}} \right]
+    """
+    cosine, sine = _waves(grid, at, size)
+    real, imaginary, last = _series(grid, tau, size)
+    left = float(np.exp(-(grid.n - at) / (tau * grid.rate_hz)))
+    return np.asarray(real * cosine - imaginary * sine - left * last)
 
 
-@lru_cache(maxsize=4)  # nearly all begin with the record
-def _turns(grid: Grid, at: int, size: int) -> tuple[Complex, Complex, Complex]:
-    """Return what the first cosines turn by in a sample, and where they are at both ends."""
-    angle, _ = _angles(grid, size)
-    end = np.cos(np.pi * np.arange(1, size + 1)) * np.exp(-1j * angle * at)
-    return np.exp(1j * angle), np.exp(1j * angle * (at + 0.5)), end
+@lru_cache(maxsize=4)  # of one time constant every instant is tried
+def _series(grid: Grid, tau: float, size: int) -> tuple[Array, Array, Array]:
+    """Return both parts of what the last factor is, and the real one as it ends, all scaled."""
+    cosine, sine, sign = _halves(grid, size)
+    gone = -float(np.expm1(-1 / (tau * grid.rate_hz)))  # 1 - f
+    scale = np.sqrt(2 / grid.n) / (gone**2 + 4 * (1 - gone) * sine**2)
+    real = gone * cosine * scale
+    return real, (2 - gone) * sine * scale, sign * real
 
 
 def ramp_ordinates(grid: Grid, size: int) -> Array:

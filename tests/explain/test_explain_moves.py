@@ -220,6 +220,24 @@ def test_an_effect_that_makes_the_error_grow_is_refused_and_the_search_says_why(
     assert refuse(left, before, error(left), error) is left
 
 
+@pytest.mark.parametrize("size", [0.0, 2.0])
+def test_what_made_up_for_a_jump_that_is_refused_is_fitted_again(size: float) -> None:
+    """Of two jumps that make up for each other one alone would leave a level that is not there."""
+    view = view_of(noise(8) + size * (TIME > 60))
+    white = replace(view, base=(White(1.0),))
+    grown = white.accept(best_of(view_of(noise(8) + 5.0 * (TIME > 60)), "step"))
+    wrong = best_of(view_of(noise(8) - (5.0 - size) * (TIME > 70)), "step")
+    grown = grown.accept(wrong)
+
+    def error(one: View) -> ResidualError:
+        bad = any(c.effect.is_same(wrong.effect, one.grid) for c in one.accepted)
+        return ResidualError(9.0 if bad else 1.0, 0.0, 9.0, 9.0, 2.0)
+
+    left = refuse(grown, error(white), error(grown), error)
+    assert [c.kind for c in left.accepted] == ["step"] * (size > 0)
+    assert np.mean(left.data[TIME > 70]) == pytest.approx(np.mean(left.data[TIME < 60]), abs=0.1)
+
+
 def test_what_gains_beyond_doubt_is_refused_only_where_no_error_is_larger_without_it() -> None:
     """What a second description of a line gains is that of the line, and says nothing of it."""
     view = view_of(noise(8) + line(7.0, 3.0))

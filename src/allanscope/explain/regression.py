@@ -375,13 +375,13 @@ def _low_bins(grid: Grid, excluded: Ranges, m: int) -> _LowBins:
     return _LowBins(kept, edges, np.maximum(np.add.reduceat(kept, edges), 1.0))
 
 
-def refit_jointly(view: View) -> View:
+def refit_jointly(view: View, fewest: int = 2) -> View:
     """Estimate the slow deterministic effects of a view again, all at once.
 
-    A view with fewer than two of them is returned as it is.
+    A view with fewer of them is returned as it is: one alone is as it was fitted.
     """
     members = [c for c in view.accepted if c.effect.columns(view) is not None]
-    if len(members) < 2:
+    if len(members) < fewest:
         return view
     bare = view.without(*members)
     found = members
@@ -429,6 +429,7 @@ def _with_gains(bare: View, members: list[Candidate]) -> list[Candidate]:
     whole = joint_fit(bare, np.vstack(parts)).gain
     found = []
     for k, candidate in enumerate(members):
-        others = np.vstack(parts[:k] + parts[k + 1 :])
-        found.append(replace(candidate, gain=whole - joint_fit(bare, others).gain))
+        others = parts[:k] + parts[k + 1 :]
+        beside = joint_fit(bare, np.vstack(others)).gain if others else 0.0
+        found.append(replace(candidate, gain=whole - beside))
     return found

@@ -12,6 +12,7 @@ from allanscope.explain.effect import ResidualError, SearchStep
 from allanscope.explain.gates import growth, is_measured
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.refit import estimate_again
+from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
 __all__ = ["drop", "drop_taken_over", "refuse"]
@@ -152,8 +153,16 @@ def _mends(refused: Candidate, before: ResidualError, now: ResidualError, e: Res
 
 
 def _without(view: View, candidate: Candidate) -> View:
-    """Return the view without an effect; what has no name leaves the model alone, and is told."""
+    """Return the view without an effect; what has no name leaves the model alone, and is told.
+
+    The other changes of the level were fitted beside it, perhaps to make up for it: they are
+    fitted again, and those that gain nothing by themselves go with it.
+    """
     bare = view.without(candidate)
+    if candidate.effect.columns(view) is not None:
+        bare = refit_jointly(bare, fewest=1)
+        slow = (c for c in bare.accepted if c.effect.columns(bare) is not None)
+        bare = bare.without(*(c for c in slow if c.gain < c.penalty))
     if candidate.effect.is_named:
         return bare
     return bare.accept(replace(candidate, parts=(), excluded=(), signal=None, profile=None))

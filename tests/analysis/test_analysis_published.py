@@ -217,6 +217,19 @@ def test_squares_add_up_and_so_do_their_errors():
     assert wider.upper - wider.lower > 2 * (found.upper - found.lower)
 
 
+def test_what_is_hardly_known_has_a_limit():
+    # An axis that moved: the interval of the source spans ten decades.
+    source = Coefficient(40.0, 1e-4, 1e6, "", True)
+    unknown = Coefficient(3.0, 0.0, 3.1, "", False)
+    found = add_coupled(unknown, {"gy": (source, 0.1, 0.0)})
+    assert (found.detected, found.lower) == (False, 0.0)
+    assert 0.1 * 1e6 < found.upper < 10 * 0.1 * 1e6
+    # What the axis has of its own is there in any case.
+    known = replace(unknown, lower=2.9, detected=True)
+    found = add_coupled(known, {"gy": (source, 0.1, 0.0)})
+    assert (found.detected, found.lower) == (True, 2.9)
+
+
 # --- one line where a coefficient and its reading disagree ----------------------------------------
 
 

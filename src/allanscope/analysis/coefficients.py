@@ -51,6 +51,8 @@ _NOTED = 0.02
 """Share of N^2 below which nobody sees what a band adds to it."""
 _UNKNOWN = 1.0
 """Half the width of the interval of ln N from which a level below the bands is not known."""
+_LIMIT = math.log(10)
+"""The same, from which N is told by an upper limit: it may be nothing."""
 _DIFFERENCE = 1e-3
 """Of the logarithm of a number, in derivatives."""
 
@@ -169,15 +171,30 @@ def total_white(fit: NoiseFit) -> Coefficient:
         return replace(white.scaled(math.sqrt(held)), white_alone=alone)
     # The published white term has no first-order bias; the maximum of the likelihood has.
     value = math.sqrt(sum(flat.values()) + held * white.value**2)
+    lower, upper = _interval(value, half)
     return replace(
         white,
         value=value,
-        lower=value * math.exp(-half),
-        upper=value * math.exp(half),
-        detected=True,
+        lower=lower,
+        upper=upper,
+        detected=lower > 0,
         wait_s=None,
         white_alone=CoefficientPart.of(white),
     )
+
+
+def _interval(value: float, half: float) -> tuple[float, float]:
+    """Return the ends of an interval of N, of which that of ln N is half as wide.
+
+    Of what is hardly known no logarithm has an interval: the lower end is 0 then, and the square
+    of the upper one grows on as the error of the square does.
+
+    >>> [float(f"{end:.3g}") for half in (0.1, 20.0) for end in _interval(1.0, half)]
+    [0.905, 1.11, 0.0, 60.3]
+    """
+    if half <= _LIMIT:
+        return value * math.exp(-half), value * math.exp(half)
+    return 0.0, value * math.exp(_LIMIT) * math.sqrt(1 + 2 * (half - _LIMIT))
 
 
 def _half_error(fit: NoiseFit, flat: Mapping[int, float], held: float) -> float:
@@ -211,12 +228,14 @@ def add_coupled(
         variances.append((2 * slope * error * source.value**2) ** 2)
     value = math.sqrt(power)
     half = TWO_SIDED_95 * math.sqrt(sum(variances)) / (2 * power) if power > 0 else 0.0
-    detected = own.detected or any(one.detected for one, _, _ in leaks.values())
+    lower, upper = _interval(value, half)
+    lower = max(lower, own.lower)
+    detected = lower > 0 and any(one.detected for one in (own, *(n for n, _, _ in leaks.values())))
     return replace(
         own,
         value=value,
-        lower=value * math.exp(-half) if detected else 0.0,
-        upper=max(value * math.exp(half), own.upper),
+        lower=lower if detected else 0.0,
+        upper=max(upper, own.upper),
         detected=detected,
         wait_s=None if detected else own.wait_s,
         white_alone=own.white_alone or CoefficientPart.of(own),

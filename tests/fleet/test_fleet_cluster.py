@@ -35,6 +35,13 @@ def cluster() -> Iterator[LocalCluster]:
         yield one
 
 
+def test_a_worker_is_not_looked_at_fifty_times_a_second(cluster: LocalCluster) -> None:
+    with Client(cluster.scheduler_address, set_as_default=False) as client:
+        ticks = client.run(dask.config.get, "distributed.admin.tick.interval")
+    assert len(ticks) == 2
+    assert set(ticks.values()) == {"1s"}
+
+
 def fleet(cluster: LocalCluster, out: Path, *patterns: object) -> FleetResult:
     settings = FleetSettings(tuple(map(str, patterns)), out, cluster.scheduler_address, quiet=True)
     return run_fleet(settings, DEVICE)

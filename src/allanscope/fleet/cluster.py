@@ -124,8 +124,12 @@ def local_cluster(
             {
                 "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
                 "distributed.deploy.lost-worker-timeout": _NEVER,
-                # It looks at what a worker does a hundred times a second.
+                # A worker is looked at a hundred times a second for what it does, fifty times for
+                # whether it answers, and ten times for its memory: a fiftieth of all time.
                 "distributed.worker.profile.enabled": False,
+                "distributed.admin.tick.interval": "1s",
+                "distributed.admin.system-monitor.interval": "2s",
+                "distributed.worker.memory.monitor-interval": "500ms",
             }
         ),
         LocalCluster(

@@ -28,7 +28,8 @@ from allanscope.explain.gates import (
     refused,
 )
 from allanscope.explain.moves import SearchPath
-from allanscope.explain.moves.add import add, proposals, with_rivals
+from allanscope.explain.moves import add as moves_of_adding
+from allanscope.explain.moves.add import add, add_bundle, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, drop_taken_over, refuse
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.give_back import give_back
@@ -518,3 +519,19 @@ def test_only_candidates_that_are_picked_are_measured(monkeypatch: pytest.Monkey
     again = KINDS["ramp"].candidates(view)[0].effect.refine(view)
     assert again is not None
     assert again.effect == finished.effect
+
+
+def test_nothing_is_asked_beside_a_first_member_that_misses_much(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In noise: a step that misses 6.7 nats of its penalty, which no bundle begins with."""
+    view, path = view_of(noise(7)), SearchPath()
+    kinds = [kind for kind in KINDS.values() if kind.is_slow and kind.available(view)]
+    found = proposals(view, kinds, path)
+    assert max(c.excess for c in found if c.gain > 5.0) == pytest.approx(-6.7, abs=0.1)
+    asked = path.evaluations
+    assert add_bundle(view, kinds, found, path) is None
+    assert path.evaluations == asked
+    monkeypatch.setattr(moves_of_adding, "_ALONE", 7.0)
+    assert add_bundle(view, kinds, found, path) is None
+    assert path.evaluations > asked

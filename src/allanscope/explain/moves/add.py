@@ -166,6 +166,8 @@ _MOST = 6
 _HOPELESS, _NEARLY = 9.0, 8.0
 """Nats that may be missing for a bundle to be continued, and to be fitted in earnest. Of 44 that
 passed none missed more than 7.1 on its way; in noise alone each member adds another 8."""
+_ALONE = 5.5
+"""Nats that the first member may miss: of another 44 none missed more than 4.7."""
 _PROMISING = 5.0
 """Gain in nats below which nothing is worth looking behind."""
 
@@ -180,7 +182,9 @@ def add_bundle(
     for _ in range(_MOST):
         if trial is not view:
             candidates = proposals(trial, slow, path)
-        own = (c for c in candidates if c.effect.is_slow and c.gain > _PROMISING)
+        own = [c for c in candidates if c.effect.is_slow and c.gain > _PROMISING]
+        if trial is view:
+            own = [c for c in own if path.spent - c.excess < _ALONE]
         ranked = (c.finished() for c in sorted(own, key=lambda c: -c.excess))
         best = next((c for c in ranked if not refused(trial, c)), None)
         if best is None:

@@ -35,6 +35,28 @@ def fit(data, parts, **options):
     return Likelihood(data).maximise(model_of(parts), **options)
 
 
+@pytest.mark.parametrize("excluded", [(), ((0.05, 0.1),)])
+def test_less_a_pattern_of_the_first_ordinates_the_powers_are_those_of_what_is_left(excluded):
+    """The pattern ends in the midst of a bin, beyond what is left out."""
+    rng = np.random.default_rng(4)
+    whole = Ordinates.of(rng.normal(size=(2, 5000)), DT, highest=0.9).without(excluded)
+    left = whole.less(rng.normal(size=(2, 700)))
+    kept, square = whole.grid.kept(excluded), np.mean(left.raw**2, axis=0)
+    bins = np.searchsorted(whole.grid.edges, np.arange(len(square)), side="right") - 1
+    power = np.bincount(bins, square * kept) / np.maximum(np.bincount(bins, kept), 1)
+    np.testing.assert_allclose(left.power, power[: len(left.power)], rtol=1e-12)
+    assert np.count_nonzero(left.power != whole.power) < len(left.power) - 1
+
+
+@pytest.mark.parametrize("parts", [TRUTH, (Rounding(0.1),)])
+def test_the_largest_likelihood_is_that_of_the_fit_that_has_it(parts):
+    """With numbers that are fitted, and without."""
+    data = Likelihood([Ordinates.of(np.random.default_rng(5).normal(size=3000), DT)])
+    basis = data.basis(model_of(parts), frozenset())
+    assert any(basis.free) == (parts is TRUTH)
+    assert data.largest(basis) == data.maximum(basis).loglik
+
+
 @pytest.mark.parametrize("zero", [False, True])
 def test_the_bound_is_the_information_of_a_fit_without_a_record(zero):
     """Behind a filter with a shape of its own, which leaves the likelihood to say it."""

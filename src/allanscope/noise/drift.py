@@ -96,6 +96,8 @@ def ramp_pattern(ordinates: Ordinates) -> Array:
 def fit_drift(fit: Fit) -> Drift | None:
     """Estimate the ramp and the noise together, starting from a fit of the noise alone.
 
+    Its shapes are held.
+
     Returns None where the evidence has no ordinates, or all slow ones are left out.
     """
     likelihood = fit.likelihood
@@ -103,18 +105,19 @@ def fit_drift(fit: Fit) -> Drift | None:
     if not ramp.patterns or not np.isfinite(ramp.regress(fit.expected)[1]):
         return None
     slope, joint, evidence = 0.0, fit, likelihood.evidence
+    basis = likelihood.basis(fit.model, fit.held | fit.model.shapes)
     for _ in range(_ROUNDS):
         before = slope
         slope, sd = ramp.regress(joint.expected)
         evidence = ramp.removed(slope)
-        joint = Likelihood(evidence).maximise(joint.model, held=fit.held)
+        joint = Likelihood(evidence).maximum(basis)
         if abs(slope - before) < 0.02 * sd:
             break
     sd = ramp.regress(joint.expected)[1]
 
     def fallen(distance: float) -> float:
         beside = Likelihood(ramp.removed(slope + distance * sd))
-        return 2 * (joint.loglik - beside.maximise(joint.model, held=fit.held).loglik)
+        return 2 * (joint.loglik - beside.largest(basis))
 
     gain = joint.loglik - fit.loglik
     return Drift(slope, sd * _half_width(fallen), gain, evidence, joint)

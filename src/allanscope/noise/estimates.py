@@ -313,7 +313,7 @@ def _loss_of(fit: Fit, free: Free) -> Callable[[float], float]:
 
     def lost_by_square(value: float) -> float:
         fixed = basis.fixed + np.clip(value, *bounds) ** 2 * unit
-        return 2 * (fit.loglik - likelihood.maximum(replace(basis, fixed=fixed)).loglik)
+        return 2 * (fit.loglik - likelihood.largest(replace(basis, fixed=fixed)))
 
     return lost_by_square
 

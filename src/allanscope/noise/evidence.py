@@ -156,14 +156,22 @@ class Ordinates:
         """Return the ordinates less a pattern from k = 1 on, shape (p,) or (stretches, p)."""
         raw = self.raw.copy()
         raw[:, : pattern.shape[-1]] -= pattern
-        return replace(self, raw=raw).binned()
+        edges = np.append(self.grid.edges, raw.shape[1])
+        bins = int(np.searchsorted(edges, pattern.shape[-1]))  # that the pattern reaches
+        power = self.power.copy()
+        power[:bins] = self._powers(raw[:, : edges[bins]])[0][: len(power)]
+        return replace(self, raw=raw, power=power)
 
     def binned(self) -> Self:
         """Return the same with the powers computed anew."""
-        square = np.einsum("sk,sk->k", self.raw, self.raw) / len(self.raw)
-        power, count = self.grid.binned(square, self.excluded)
+        power, count = self._powers(self.raw)
         keep = len(self.power)
         return replace(self, power=power[:keep], dof=(self.worth * count * len(self.raw))[:keep])
+
+    def _powers(self, raw: Array) -> tuple[Array, Array]:
+        """Return mean square and number of ordinates of each bin, or of the first bins alone."""
+        square = np.einsum("sk,sk->k", raw, raw) / len(raw)
+        return self.grid.binned(square, self.excluded)
 
 
 @dataclass(frozen=True, eq=False)

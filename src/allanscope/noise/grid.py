@@ -111,12 +111,16 @@ class Grid:
         return _counts(self, excluded)
 
     def binned(self, squares: Array, excluded: Ranges = ()) -> tuple[Array, Array]:
-        """Return mean and number of the squared ordinates of every bin that are not left out."""
-        if not excluded:
-            return self.bin_means(squares), self.count
+        """Return mean and number of the squared ordinates of every bin that are not left out.
+
+        Of the first ordinates, up to the end of a bin, those of the first bins.
+        """
         count = self.counts(excluded)
-        total = np.add.reduceat(squares * self.kept(excluded), self.edges)
-        return np.asarray(total / np.maximum(count, 1.0)), count
+        bins = int(np.searchsorted(self.edges, len(squares)))
+        if excluded:
+            squares = squares * self.kept(excluded)[: len(squares)]
+        total = np.add.reduceat(squares, self.edges[:bins])
+        return np.asarray(total / np.maximum(count[:bins], 1.0)), count
 
     def column(self, component: Component) -> Array:
         """Return the mean square that a component gives the ordinates of every bin."""

@@ -164,6 +164,12 @@ class Likelihood:
         rows = np.vstack([basis.columns, *columns]) if columns else basis.columns
         return Basis(model, held, basis.free + free, rows, fixed)
 
+    def largest(self, basis: Basis) -> float:
+        """Return the log-likelihood of `maximum`, without the fit that has it."""
+        if not any(basis.free):
+            return self.value(np.maximum(basis.fixed, self.floor))
+        return maximise(basis.columns, self.power, self.dof, basis.fixed)[1]
+
     def maximum(self, basis: Basis, start: Array | None = None) -> Fit:
         """Find the powers that maximise the likelihood, beginning at `start` where it is given."""
         model, held = basis.model, basis.held

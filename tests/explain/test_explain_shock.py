@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import median_filter
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.effects.shock import _tail
 from allanscope.explain.heldout import _contradiction
-from allanscope.explain.shock_rows import find_shock_rows
+from allanscope.explain.shock_rows import _running_median, find_shock_rows
 
 SIGMA = 4e-3 * 52.0**0.5
 AT_S, LASTS_S = 130.0, 1.5
@@ -314,3 +315,26 @@ def test_rows_of_noise_that_is_louder_for_a_while_are_no_shock(seed, rows):
     x += ringing(t, 1.0, at=rows / 500.0)
     (found,) = find_shock_rows({"gx": x}, 100.0, {"gx": 1e-9})
     assert abs(found.first - rows / 5) < 20
+
+
+@pytest.mark.parametrize(
+    ("rows", "window", "wide", "step"),
+    [
+        (3000, 5, 3, 0.1),
+        (3000, 521, 30, 1 / 16384),
+        (600, 101, 1, 0.5),
+        (2000, 25, 2e3, 0.1),
+        (700, 521, 1, 0.0),
+        (700, 25, 1, 0.3),
+    ],
+)
+def test_a_median_of_values_that_are_counted_is_that_of_values_that_are_sorted(
+    rows, window, wide, step
+):
+    """On a lattice, on one of too many values, and on none that is known."""
+    rng = np.random.default_rng(3)
+    steps = np.round(wide * (0.05 * np.cumsum(rng.normal(size=rows)) + rng.normal(size=rows)))
+    values = steps * (0.1 if step == 0.3 else step or 0.1)
+    np.testing.assert_array_equal(
+        _running_median(values, window, step), median_filter(values, window, mode="reflect")
+    )

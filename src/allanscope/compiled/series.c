@@ -1,4 +1,5 @@
-/* Recursions along a series: a hidden telegraph signal, a tone's amplitude, a bank of poles. */
+/* Recursions along a series: a hidden telegraph signal, a tone's amplitude, a bank of poles, a running
+   median. */
 
 #include "kernels.h"
 
@@ -95,5 +96,24 @@ KERNEL(void, filter_bank)
             total += weights[k] * state[k];
         }
         samples[i] = total;
+    }
+}
+
+/* The medians of n windows of `size` codes, an odd number, of which `count`, all zero, has a place for
+   each that occurs: how often each does in the window, and how many are below the median. */
+KERNEL(void, running_median)
+(const int32_t *codes, int64_t n, int64_t size, int32_t *count, int32_t *medians) {
+    int64_t below = 0, half = size / 2;
+    int32_t median = 0;
+    for (int64_t k = 0; k < size - 1; k++) count[codes[k]]++;
+    for (int64_t k = 0; k < n; k++) {
+        int32_t in = codes[k + size - 1], out = codes[k];
+        count[in]++;
+        below += in < median;
+        while (below > half) below -= count[--median];
+        while (below + count[median] <= half) below += count[median++];
+        medians[k] = median;
+        count[out]--;
+        below -= out < median;
     }
 }

@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from allanscope.median import median
+from allanscope.median import median, medians
 from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95
 
 __all__ = ["ClockError", "LineFit", "RateFit", "fit_line", "rate_of_line"]
@@ -283,8 +283,8 @@ def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.
     """
     breaks = np.diff(segment, prepend=segment[0]) != 0
     if len(residual) >= 4 * STEP_ROWS:
-        medians = np.median(sliding_window_view(residual, STEP_ROWS), axis=1)
-        jump = medians[STEP_ROWS:] - medians[:-STEP_ROWS]
+        levels = medians(sliding_window_view(residual, STEP_ROWS))
+        jump = levels[STEP_ROWS:] - levels[:-STEP_ROWS]
         whole = segment[2 * STEP_ROWS - 1 :] == segment[: 1 - 2 * STEP_ROWS]
         if whole.sum() >= 2 * STEP_ROWS:
             size = np.where(whole, np.abs(jump - median(jump[whole])), 0.0)

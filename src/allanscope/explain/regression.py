@@ -26,6 +26,7 @@ from allanscope.explain.view import View
 from allanscope.lazy import once
 from allanscope.noise.amplitudes import least_power
 from allanscope.noise.grid import Grid, Ranges
+from allanscope.noise.likelihood import inverse
 from allanscope.noise.part import Filter
 from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
@@ -244,7 +245,7 @@ def _inverse(normal: Array) -> Array:
     """Return the inverse of a symmetric matrix; 0 where everything slow is cut out of the fit."""
     if normal.shape == (1, 1) and normal[0, 0] > 0.0:
         return 1.0 / normal  # as most are
-    return np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64)
+    return inverse(normal)
 
 
 def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:

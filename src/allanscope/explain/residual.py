@@ -38,7 +38,7 @@ from scipy.special import digamma, ndtri, polygamma
 from allanscope.allan import Deviation
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, Shares
-from allanscope.explain.series import deviation_of
+from allanscope.explain.series import block_means, deviation_of
 from allanscope.explain.view import View
 from allanscope.noise import NoiseFit, NoiseModel, gls_chi2
 from allanscope.noise.components import LineProfile, Ramp
@@ -130,7 +130,7 @@ def _independent(count: Array, innovations: Array) -> Array:
     :math:`\rho_j` that is the cosine transform of the power, and the mean of the squares of m has
     the variance :math:`(2/m) [1 + 2 \sum_j (1 - j/m) \rho_j^2]`.
     """
-    power = np.array([np.mean(part**2) for part in np.array_split(innovations, _PARTS)])
+    power = block_means(innovations**2, _PARTS)
     lag = np.arange(1, len(power))
     mean, *swings = dct(power)
     squares = (np.array(swings) / mean) ** 2

@@ -124,11 +124,12 @@ def noise_on_lattice(samples: Array, step: float) -> float:
     starts = np.linspace(0, len(samples) - length, min(_WINDOWS, len(samples) // length)).astype(
         int
     )
+    rows = samples[starts[:, np.newaxis] + np.arange(length)]
+    windows = np.round((rows - rows[:, :1]) / step)
     found = []
-    for start in starts:
-        codes = np.round((samples[start : start + length] - samples[start]) / step)
-        if codes.std() > 1.5:
-            found.append(float(np.sqrt(max(codes.var() - 1 / 12, 0.01))))
+    for codes, variance in zip(windows, windows.var(axis=1).tolist(), strict=True):
+        if variance > 1.5**2:
+            found.append(float(np.sqrt(max(variance - 1 / 12, 0.01))))
             continue
         values, seen = np.unique(codes, return_counts=True)
         counts = seen.astype(np.float64)
@@ -141,7 +142,7 @@ def noise_on_lattice(samples: Array, step: float) -> float:
             chance = ndtr((values + 0.5 - p[0]) / sigma) - ndtr((values - 0.5 - p[0]) / sigma)
             return float(-np.sum(counts * np.log(np.maximum(chance, 1e-12))))
 
-        first = [codes.mean(), np.log(max(np.sqrt(max(codes.var() - 1 / 12, 0.0)), 0.15))]
+        first = [codes.mean(), np.log(max(np.sqrt(max(variance - 1 / 12, 0.0)), 0.15))]
         found.append(float(np.exp(minimise(loss, np.array(first)).x[1])))
     return float(np.median(found))
 

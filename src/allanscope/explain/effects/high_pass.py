@@ -39,6 +39,7 @@ from allanscope.explain.regression import (
 )
 from allanscope.explain.residual import removes
 from allanscope.explain.view import View
+from allanscope.median import median
 from allanscope.noise.components import AngleQuantization, FlickerPhase
 from allanscope.noise.filters import HighPass as Filter
 from allanscope.optimise import minimise, minimise_between
@@ -126,7 +127,7 @@ def _lacks(view: View) -> bool:
     Less than the model has there, and than most others hold: lines that are not yet explained raise
     the model. What a filter begins with is nearly the same in all of them.
     """
-    usual = float(np.median(view.squares)) / CHI_SQUARE_MEDIAN
+    usual = median(view.squares) / CHI_SQUARE_MEDIAN
     level = np.minimum(view.spectrum.first(_FEWEST), usual)
     white = view.ordinates[:_FEWEST] / np.sqrt(level)
     return bool(min(np.mean(white**2), np.var(white, ddof=1)) < _LOW)

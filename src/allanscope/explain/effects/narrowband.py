@@ -29,6 +29,7 @@ from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import band_left_over, beside, tone_left_over
 from allanscope.explain.residual import removes
+from allanscope.explain.series import block_means
 from allanscope.explain.stationarity import (
     UNSTEADY,
     bartlett_z,
@@ -545,7 +546,6 @@ def ordinate_correlation(data: Array) -> float:
     >>> round(ordinate_correlation(loud * rng.normal(size=100_000)))
     8
     """
-    parts = np.array_split(np.diff(data), _PARTS)
-    power = np.array([float(np.mean(part**2)) for part in parts])
+    power = block_means(np.diff(data) ** 2, _PARTS)
     mean = float(np.mean(power))
     return max(1.0, float(np.mean(power**2)) / mean**2) if mean > 0 else 1.0

@@ -54,23 +54,33 @@ def relative_bounds(
     >>> {name: f"{100 * bound:.2g} %" for name, bound in bounds.items()}
     {'N': '0.12 %', 'B': '8.2 %', 'K': '33 %'}
     """
-    if not isinstance(model, NoiseModel):
-        model = NoiseModel(tuple(model), dt)
-    n = max(32, round(duration / dt))
-    likelihood = _likelihood_of(n, dt)
-    unit = replace(model, components=tuple(part.with_power(1.0) for part in model))
-    if unit.shapes:
-        expected = likelihood.expected(model)
-        fit = Fit(likelihood, model, likelihood.value(expected), frozenset(), True, expected)
-        return dict(zip(fit.names, fit.relative_sd().tolist(), strict=True))
-    power = np.array([part.power for part in model])
-    parts = power[:, np.newaxis] * _columns_of(n, unit)
-    parts *= np.sqrt(2 * likelihood.dof) / np.maximum(parts.sum(axis=0), likelihood.floor)
-    known = np.array([part.has_amplitude for part in model]) & (power > 0)
-    variance = np.full(len(power), np.inf)
-    variance[known] = np.diag(inverse(parts[known] @ parts[known].T))
-    numbers = zip(unit.numbers, variance[[free.part for free in unit.numbers]], strict=True)
-    return {unit.quantity(free).name: float(np.sqrt(max(one, 0.0))) for free, one in numbers}
+    return _bounds_of(model, dt)(duration)
+
+
+def _bounds_of(
+    model: NoiseModel | Iterable[Component], dt: float
+) -> Callable[[float], dict[str, float]]:
+    """Return what gives `relative_bounds` of a model for the length of a run."""
+    whole = model if isinstance(model, NoiseModel) else NoiseModel(tuple(model), dt)
+    unit = replace(whole, components=tuple(part.with_power(1.0) for part in whole))
+    power = np.array([part.power for part in whole])
+    known = np.array([part.has_amplitude for part in whole]) & (power > 0)
+    part_of = {unit.quantity(free).name: free.part for free in unit.numbers}
+
+    def bounds(duration: float) -> dict[str, float]:
+        n = max(32, round(duration / dt))
+        likelihood = _likelihood_of(n, dt)
+        if unit.shapes:
+            expected = likelihood.expected(whole)
+            fit = Fit(likelihood, whole, likelihood.value(expected), frozenset(), True, expected)
+            return dict(zip(fit.names, fit.relative_sd().tolist(), strict=True))
+        parts = power[:, np.newaxis] * _columns_of(n, unit)
+        parts *= np.sqrt(2 * likelihood.dof) / np.maximum(parts.sum(axis=0), likelihood.floor)
+        variance = np.full(len(power), np.inf)
+        variance[known] = np.diag(inverse(parts[known] @ parts[known].T))
+        return {name: float(np.sqrt(max(variance[part], 0.0))) for name, part in part_of.items()}
+
+    return bounds
 
 
 @lru_cache(maxsize=128)  # likewise, of some kilobytes
@@ -110,10 +120,10 @@ def wait_until(
     float or None
         In s; 0 when it is known now, None when 4096 times the run would not do.
     """
-    whole = model if isinstance(model, NoiseModel) else NoiseModel(tuple(model), dt)
+    bounds = _bounds_of(model, dt)
 
     def bound(length: float) -> float:
-        return relative_bounds(whole, dt, length).get(name, np.inf)
+        return bounds(length).get(name, np.inf)
 
     low, high, above, below = duration, duration, np.inf, bound(duration)
     if below <= known:

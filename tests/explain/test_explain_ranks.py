@@ -13,6 +13,7 @@ from scipy.fft import idct
 from scipy.signal import lfilter
 from scipy.stats import kstest, norm
 
+from allanscope.explain.burst_rows import find_bursts
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects import (
@@ -120,6 +121,25 @@ def test_a_shock_begins_within_the_rows_that_are_said_and_is_as_large():
     assert len(times) > 200
     assert_apt(times)
     assert chance(peaks) > 0.05
+    assert np.mean(np.abs(np.array(peaks) - 0.5) < 0.475) > 0.94
+
+
+def test_what_rings_softly_swings_as_far_as_is_said():
+    """The whitening damps its first rows least: taken for a part of a line it seems too large."""
+    rng, rate, n, ranks = np.random.default_rng(37), 104.0, 2496, []
+    t = np.arange(n) / rate
+    for _ in range(120):
+        at, f, d = rng.uniform(3.0, 18.0), rng.uniform(8.0, 40.0), rng.uniform(9.0, 20.0)
+        after = np.maximum(t - at, 0.0)
+        swing = np.cos(2 * np.pi * (f * after + rng.random()))
+        rings = np.exp(-after / rng.uniform(0.2, 0.8)) * swing * (t >= at)
+        rings *= d / np.linalg.norm(rings)
+        found, _ = find_bursts(rings + rng.standard_normal(n), rate)
+        if found:
+            value, error = max(found, key=lambda one: one.gain).peak
+            ranks.append(float(norm.cdf((np.abs(rings).max() - value) / error)))
+    assert len(ranks) > 100
+    assert_apt(ranks, leaning=0.14)
 
 
 def test_noise_changes_its_level_within_the_rows_that_are_said():

@@ -92,6 +92,8 @@ _BY_REPEATS = 0.5
 rows are equal by chance, they explain a third of a ringing."""
 _FITTED = 2.5
 """Nats that noise adds to the gain: amplitude, phase, start, decay and frequency are fitted."""
+_NEAR = 4
+"""Half ordinates beside the best of which the peak is taken."""
 _SINGULAR = 1e-6
 """Of two changes at nearly one time the sizes cannot be told apart."""
 _PIECES = 128
@@ -288,7 +290,8 @@ class _Bank:
 
         Ordinates are at half the distance.
         """
-        forms, energy = self._forms(decays)
+        forms = np.exp(-np.arange(self.size) / decays[:, np.newaxis])
+        energy = np.sum(forms**2, axis=1)[:, np.newaxis]
         mean = np.interp(np.arange(self.size + 1) / 2, np.arange(len(self.mean)), self.mean)
         noise = mean * energy / np.sum(self.form**2)
         relative = np.empty((len(starts), len(decays), self.size + 1))
@@ -298,17 +301,6 @@ class _Bank:
             z = rfft(self.rows[starts[some], np.newaxis] * forms, 2 * self.size, axis=2)
             np.divide(z.real**2 + z.imag**2, noise, out=relative[some])
         return relative
-
-    def amplitude(self, starts: NDArray[np.int64], decays: Array) -> NDArray[np.complex128]:
-        """Return the complex amplitude where `closer` returns the power."""
-        forms, energy = self._forms(decays)
-        z = rfft(self.rows[starts][:, np.newaxis] * forms, 2 * self.size, axis=2)
-        return np.asarray(2 * z / energy)
-
-    def _forms(self, decays: Array) -> tuple[Array, Array]:
-        """Return the filters of some decay times, and their energy, shape (decays, 1)."""
-        forms = np.exp(-np.arange(self.size) / decays[:, np.newaxis])
-        return forms, np.sum(forms**2, axis=1)[:, np.newaxis]
 
 
 def _medians(power: Array) -> Array:
@@ -376,19 +368,39 @@ def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | 
     below = np.concatenate([[0.0], np.cumsum(weight.sum(axis=(1, 2)))])
     edges = np.concatenate([[starts[0] - step], starts]).astype(float)
     low, median, high = np.interp([0.025, 0.5, 0.975], below, edges).tolist()
-    amplitude = bank.amplitude(starts, decays)[:, :, 2 * _SWINGS : -2 * _TOP]
-    sizes = np.abs(amplitude) * np.sqrt(np.maximum(1 - _FITTED / np.maximum(inner, 1.0), 0.0))
-    mean = float(np.sum(weight * sizes))
-    spread = np.sqrt(np.sum(weight * (sizes - mean) ** 2) + mean**2 / (2 * most))
-    energy = np.sum(np.exp(-2 * np.arange(bank.size) / decays[d]))
-    cut_off = 2 * abs(uncut) / np.sqrt(energy) / np.abs(amplitude[s, d, k])
-    swings = np.exp((2j * np.pi * ordinate / bank.size - 1 / decays[d]) * np.arange(bank.decay))
-    share = float(np.max(np.abs((amplitude[s, d, k] * swings).real)) / np.abs(amplitude[s, d, k]))
-    unit = max(cut_off, 1.0) * share / bank.source.passed(ordinate, bank.size)
-    return Burst(
-        int(np.ceil(median)), bank.decay, gain, looked_at, (median, low, high),
-        (mean * unit, float(spread) * unit),
-    )  # fmt: skip
+    near = np.arange(max(k - _NEAR, 0), min(k + _NEAR + 1, inner.shape[2]))
+    peak = _peak(bank, starts, decays, (near + 2 * _SWINGS) / 2)
+    return Burst(int(np.ceil(median)), bank.decay, gain, looked_at, (median, low, high), peak)
+
+
+def _peak(
+    bank: _Bank, starts: NDArray[np.int64], decays: Array, ordinates: Array
+) -> tuple[float, float]:
+    """Return the largest swing of what rings, and its standard error.
+
+    Every start, decay and frequency is fitted to rows that are not cut as the prediction error
+    filter passes it: of the first rows nothing is predicted, they are damped less than a line is.
+    """
+    rows = sliding_window_view(bank.source.uncut, bank.size)[starts]
+    after = np.arange(bank.size)
+    gains, peaks = [], []
+    for decay in decays.tolist():
+        for ordinate in ordinates.tolist():
+            rings = np.exp((2j * np.pi * ordinate / bank.size - 1 / decay) * after)
+            passed = np.convolve(rings, bank.source.filter)[: bank.size]
+            pair = np.array([passed.real, -passed.imag])
+            score = pair @ rows.T
+            fitted = np.linalg.solve(pair @ pair.T, score)
+            gains.append(np.sum(fitted * score, axis=0) / 2)
+            amplitude = fitted[0] + 1j * fitted[1]
+            peaks.append(np.abs((amplitude[:, np.newaxis] * rings).real).max(axis=1))
+    gain, size = np.array(gains), np.array(peaks)
+    most = float(gain.max())
+    size = size * np.sqrt(np.maximum(1 - _FITTED / np.maximum(gain, 1.0), 0.0))
+    weight = np.exp(gain - most)
+    weight /= weight.sum()
+    mean = float(np.sum(weight * size))
+    return mean, float(np.sqrt(np.sum(weight * (size - mean) ** 2) + mean**2 / (2 * most)))
 
 
 def _gain(relative: float, freedom: float, loudness: float) -> float:

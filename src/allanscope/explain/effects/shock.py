@@ -46,8 +46,8 @@ _ALIKE_ROWS, _ALIKE_SIZES = 50, 4
 """Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
 _LEVELS = 3.0
 """Standard errors from which the levels before and after a shock differ."""
-_FAR, _OUT = 6.0, 0.025
-"""Standard errors within which the largest row of a shock is, and the chance of each side."""
+_FAR = 6.0
+"""Standard errors within which the largest row of a shock is."""
 _LINED = 1.5
 """Scatter of what lies beside a shock, in sigma, from which lines are a part of it."""
 _ROBUST = float(np.pi / 2)
@@ -219,16 +219,16 @@ def _peak(size: Array, sigma: float, unit: str) -> Estimate:
     """Return the largest of some sizes to each of which noise was added.
 
     The largest sum is larger than the largest size, the more so the more of them are near it. By
-    how much is taken from what more such noise would do to the sums (Efron's basic bootstrap); the
-    distribution of their largest is the product of those of each.
+    how much is taken from what more such noise would do to the sums (Efron's bootstrap); the
+    distribution of their largest is the product of those of each. With that taken off it scatters
+    as one of them, however many are near: what their largest scatters less is in what is taken off.
     """
     largest = float(size.max())
     near = size[size > largest - _FAR * sigma]
     at = largest + sigma * np.linspace(-_FAR, _FAR, 801)
     below = np.prod(ndtr((at - near[:, np.newaxis]) / sigma), axis=0)
     mean = at[-1] - float(np.trapezoid(below, at))
-    low, high = np.interp([_OUT, 1 - _OUT], below, at).tolist()
-    return Estimate(2 * largest - mean, max(2 * largest - high, 0.0), 2 * largest - low, unit)
+    return Estimate.of(2 * largest - mean, sigma, unit)
 
 
 def _quiet(data: Array, first: int, stop: int, sigma: float) -> tuple[Array, Array]:

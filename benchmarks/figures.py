@@ -83,6 +83,11 @@ def machine() -> dict[str, str]:
     }
 
 
+def all_cpu_s() -> float:
+    """Return the processor time of this process, and of those it has started that have ended."""
+    return float(sum(os.times()[:4]))
+
+
 def written(figures: Iterable[Figure], path: Path | None, **more: Any) -> None:
     """Print the figures, and write them and everything else to a file if there is to be one."""
     figures = list(figures)

@@ -16,13 +16,12 @@ import argparse
 import json
 import math
 import re
-import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from figures import Figure
+from figures import Figure, all_cpu_s
 from independent_reading import Reading, reading_of, samples_of
 
 import allanscope
@@ -92,13 +91,13 @@ def rows_of(path: Path) -> Iterator[Row]:
     samples = samples_of(path)
     readings = {axis: reading_of(x, samples.rate_hz) for axis, x in samples.axes.items()}
     size = len(next(iter(samples.axes.values())))
-    began = time.process_time()
+    began = all_cpu_s()
     try:
         analysis: Analysis | None = allanscope.analyse(path, rate=samples.stated_hz)
         trouble = ""
     except Exception as error:  # a crash is a result here
         analysis, trouble = None, f"crash: {type(error).__name__}: {error}"
-    cpu_s = (time.process_time() - began) / len(readings)
+    cpu_s = (all_cpu_s() - began) / len(readings)
     for axis, reading in readings.items():
         found = None if analysis is None else analysis.axes.get(axis)
         yield _row(path.stem, axis, found, reading, trouble, cpu_s, size)

@@ -13,7 +13,6 @@ machine of docs/performance.md.
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import tempfile
 import time
@@ -23,7 +22,7 @@ from typing import Any
 
 import allantools
 import numpy as np
-from figures import Figure, written
+from figures import Figure, all_cpu_s, written
 from long_recording import make
 
 from allanscope.analysis import Analyser, StreamState, row_buffer, summarise
@@ -46,11 +45,6 @@ def cpu_s(call: Callable[[], Any]) -> float:
     began = time.process_time()
     call()
     return time.process_time() - began
-
-
-def _all_cpu_s() -> float:
-    """Return the processor time of this process, and of those it has started that have ended."""
-    return float(sum(os.times()[:4]))
 
 
 def stages(path: Path) -> dict[str, float]:
@@ -86,13 +80,13 @@ def whole(path: Path) -> dict[str, float]:
     row_buffer.BackgroundTask().do(row_buffer.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(full_settings(""))
-    marks = [(_all_cpu_s(), time.monotonic())]
+    marks = [(all_cpu_s(), time.monotonic())]
     feed_analyser(path, decoding, analyser, quiet=True, on_buffer=Fingerprint().add)
     assert analyser.state is not None
     analyser.state.settle()
-    marks.append((_all_cpu_s(), time.monotonic()))
+    marks.append((all_cpu_s(), time.monotonic()))
     summarise(analyser, decoding.stats, "full", {})
-    marks.append((_all_cpu_s(), time.monotonic()))
+    marks.append((all_cpu_s(), time.monotonic()))
     (a, b), (c, d), (e, f) = marks
     return {
         "sums_cpu_s": c - a,

@@ -339,9 +339,9 @@ def _running_median(x: Array, window: int, step: float) -> Array:
         values[codes] = x
         if np.array_equal(values[codes], x):
             mirrored = np.pad(codes, window // 2, mode="symmetric")
-            medians = np.empty(len(x), np.int32)
-            _median_of_codes(mirrored, len(x), window, count, medians)
-            return np.asarray(values[medians])
+            found = np.empty(len(x), np.int32)
+            _median_of_codes(mirrored, len(x), window, count, found)
+            return np.asarray(values[found])
     return np.asarray(median_filter(x, window, mode="reflect"))
 
 

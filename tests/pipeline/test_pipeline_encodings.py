@@ -63,7 +63,7 @@ def table(folder):
     return path
 
 
-@pytest.mark.parametrize("encoding", [ENCODINGS["C"]], ids=["C"])  # takes the fewest words
+@pytest.mark.parametrize("encoding", [ENCODINGS["cp1252"], ENCODINGS["C"]], ids=["cp1252", "C"])
 def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder, table):
     recording = folder / "night.mcap"
     run("simulate", folder / "made.mcap", "--hours", "0.001", "--rate", "52")

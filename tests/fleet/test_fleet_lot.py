@@ -533,9 +533,9 @@ def of_origins(lot: Lot, *origins: str | None) -> Lot:
     """Return as many recordings as there are origins."""
     names = np.unique(lot["recording"].astype(str))[: len(origins)]
     known = dict(zip(names, origins, strict=True))
-    some = lot.where(np.isin(lot["recording"].astype(str), names))
-    told = np.array([*(known[one] for one in some["recording"]), None], object)[:-1]
-    return Lot({**some.columns, "origin": told})
+    told = np.array([*(known.get(one) for one in lot["recording"]), None], object)[:-1]
+    some = np.isin(lot["recording"].astype(str), names)
+    return Lot({**lot.columns, "origin": told}).where(some)
 
 
 def test_a_lot_that_was_simulated_says_so_above_everything(lot: Lot) -> None:

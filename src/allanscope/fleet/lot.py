@@ -74,11 +74,14 @@ class Lot:
     Attributes
     ----------
     columns : mapping
-        Name to values, shape (n,): numbers are floats, with NaN for what is not known; truths are
-        floats too; texts are objects, ``effects`` an `EffectColumn`.
+        Name to values of the whole table, shape (m,): numbers are floats, with NaN for what is not
+        known; truths are floats too; texts are objects, ``effects`` an `EffectColumn`.
+    rows : ndarray of intp, shape (n,), optional
+        Which rows of the table these are; all without. A column is copied when it is looked at.
     """
 
     columns: Mapping[str, Any]
+    rows: NDArray[np.intp] | None = None
 
     @classmethod
     def read(cls, table: Path, limits: bool = False) -> Lot:
@@ -103,10 +106,11 @@ class Lot:
         return cls({**columns, "effects": effects})
 
     def __len__(self) -> int:
-        return len(self.columns["axis"])
+        return len(self.columns["axis"] if self.rows is None else self.rows)
 
     def __getitem__(self, name: str) -> Any:
-        return self.columns[name]
+        """Return a column of these rows."""
+        return self.columns[name] if self.rows is None else self.columns[name][self.rows]
 
     @property
     def axes(self) -> list[str]:
@@ -121,7 +125,8 @@ class Lot:
 
     def where(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Lot:
         """Return some of the rows, by truths or by their numbers."""
-        return Lot({name: values[mask] for name, values in self.columns.items()})
+        rows = np.arange(len(self)) if self.rows is None else self.rows
+        return replace(self, rows=rows[mask])
 
     def of_axis(self, axis: str) -> Lot:
         """Return the rows of one axis."""

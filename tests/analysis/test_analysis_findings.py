@@ -144,6 +144,17 @@ def test_a_slow_line_is_no_fundamental_of_everything():
     assert sizes({"gx": [line(0.01, half=1e-3), line(0.07), line(5.0)]}) == [1, 1, 1]
 
 
+def test_a_wide_resonance_is_no_harmonic_of_a_narrow_line():
+    """Swaying of 0.564 Hz over 4 mHz, and a resonance of the mounting at 20.29 Hz."""
+
+    def band(hz, width_hz):
+        numbers = {"frequency": (hz, 0.001, "Hz"), "bandwidth": (width_hz, 0.1 * width_hz, "Hz")}
+        return effect("narrowband", **numbers, sigma=(0.01, 0.001, "dps"))
+
+    assert sizes({"gx": [band(1.691, 0.005)], "gz": [band(20.29, 0.68)]}) == [1, 1]
+    assert sizes({"gx": [band(1.691, 0.005)], "gz": [band(20.29, 0.06)]}) == [2]
+
+
 def test_a_line_in_a_band_is_one_with_it():
     numbers = {"frequency": (7.3, 0.05, "Hz"), "bandwidth": (1.0, 0.1, "Hz")}
     band = effect("narrowband", **numbers, sigma=(0.01, 0.001, "dps"))

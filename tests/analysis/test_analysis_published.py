@@ -293,6 +293,19 @@ def test_the_cause_at_an_averaging_time_is_what_adds_most_to_the_curve_there():
     assert disagreement("dps", coefficients(), high, found).endswith("shock")
 
 
+def test_the_white_noise_behind_a_filter_is_no_cause():
+    """A line of 0.56 Hz adds half of the deviation at 1 s, the filtered noise the other half."""
+    model = ModelCurve(
+        np.array([0.5, 2.0]),
+        np.ones(2),
+        {"band_limit": np.full(2, 4e-4), "drifting_line": np.full(2, 3e-4)},
+    )
+    found = [effect("band_limit", cutoff=36.0), effect("drifting_line", frequency=0.56)]
+    high = {"N_1s": reading(5e-4, tau_s=1.0)}
+    known = coefficients()
+    assert "line around 0.560 Hz" in disagreement("dps", known, high, found, model=model)
+
+
 def test_a_low_pass_explains_a_reading_below_the_coefficient():
     low = {"N": reading(0.5e-3, **DENSITY)}
     line = disagreement("dps", coefficients(), low, [effect("band_limit", cutoff=18.0)])

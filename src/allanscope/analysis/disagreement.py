@@ -222,14 +222,17 @@ def _overlap(low: float, high: float, other_low: float, other_high: float) -> bo
 def _largest(
     name: str, reading: Reading, effects: tuple[Effect, ...], model: ModelCurve | None
 ) -> str:
-    """Return the effect that adds most to a curve where it was read; empty where none adds much."""
+    """Return the effect that adds most to a curve where it was read; empty where none adds much.
+
+    What stands beside a filter is the white noise behind it, which is N and not its cause.
+    """
     if model is None or reading.tau_s is None:
         return ""
     read = reading.value * math.sqrt(_SHAPES[name[0]](reading.tau_s))
     added = {
         effect.kind: float(np.interp(reading.tau_s, model.x, model.components[effect.kind]))
         for effect in effects
-        if effect.kind in model.components
+        if effect.kind in model.components and "cutoff" not in effect.parameters
     }
     kind = max(added, key=added.__getitem__, default="")
     if not kind or added[kind] < _MUCH * read:

@@ -253,7 +253,11 @@ def _places(name: str, where: str) -> bool:
 
 
 def _is_harmonic(a: Effect, b: Effect) -> bool:
-    """Return whether two lines have one frequency, or one is a multiple of the other."""
+    """Return whether two lines have one frequency, or one is a multiple of the other.
+
+    What wanders over a bandwidth has harmonics that wander over multiples of it: a resonance much
+    wider than that is near a multiple of a slow line by chance.
+    """
     low, high = _frequency(a), _frequency(b)
     if low is None or high is None:
         return False
@@ -264,9 +268,11 @@ def _is_harmonic(a: Effect, b: Effect) -> bool:
     order = round(high.value / low.value)
     room = order * _half(low) + _half(high)
     apart = abs(high.value - order * low.value)
+    widths = [_value(e, "bandwidth") for e in (a, b) if "bandwidth" in e.parameters]
     if order == 1:
-        widths = [_value(e, "bandwidth") / 2 for e in (a, b) if "bandwidth" in e.parameters]
-        return apart <= room + max(widths, default=0.0)
+        return apart <= room + max(widths, default=0.0) / 2
+    if len(widths) == 2 and widths[1] > _WIDER * order * widths[0]:
+        return False
     return 1 < order <= _HIGHEST and room < _BY_CHANCE * low.value and apart <= room
 
 

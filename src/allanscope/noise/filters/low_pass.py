@@ -104,13 +104,17 @@ class Averaging(LowPass):
         return _half_power(self.order) / self.cutoff
 
     def response(self, f: Array, dt: float) -> Array:
-        """Return the sum of sinc(f T)^(2 order) over f and its aliases, 1 at zero."""
+        """Return the sum of sinc(f T)^(2 order) over f and its aliases, 1 at zero.
 
-        def folded(at: Array) -> Array:
-            passed = np.abs(np.sinc((at + _ALIASES / dt) * self.span_s))
-            return np.asarray((passed ** (2 * self.order)).sum(axis=0))
-
-        return np.asarray(folded(np.asarray(f, np.float64)) / folded(np.zeros(1)))
+        The sine of an alias is that of a sum of angles: two sines a frequency are enough for all.
+        """
+        angle = np.pi * self.span_s * np.append(np.asarray(f, np.float64), 0.0)
+        turn = np.pi * self.span_s / dt * _ALIASES
+        at = angle + turn
+        sine = np.sin(angle) * np.cos(turn) + np.cos(angle) * np.sin(turn)
+        passed = np.divide(sine, at, out=np.ones_like(at), where=at != 0.0)
+        folded = ((passed * passed) ** self.order).sum(axis=0)
+        return np.asarray(folded[:-1] / folded[-1])
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,17 @@ def test_heavy_tails_are_neither_outliers_nor_a_burst(bench):
     assert not result.explained
 
 
+def test_heavy_tails_say_how_much_of_the_noise_is_their_core(bench):
+    """Half of the samples eight times as loud as the others: the deviation is not that of most."""
+    b = bench(34)
+    loud = b.rng.random(len(b.t)) < 0.5
+    samples = SIGMA * b.rng.normal(size=len(b.t)) * np.where(loud, 8.0, 1.0)
+    (found,) = (e for e in explain(b.record(samples)).axes["gx"].effects if not e.traits.is_named)
+    core = np.ptp(np.quantile(samples, (0.25, 0.75))) / 1.349 / samples.std()
+    assert found.evidence["core_ratio"] == pytest.approx(core, rel=0.02)
+    assert f"its core has {core:.2g} times the noise" in found.evidence["words"]
+
+
 @pytest.mark.parametrize("tails", [True, False])
 def test_heavy_tails_are_seen_beside_a_change_of_the_noise_level(bench, tails):
     """Louder noise has a kurtosis of its own; heavy tails have one at each level."""

@@ -44,6 +44,8 @@ _TAIL_Z = 6.0
 """Standard errors of skewness and kurtosis from which the distribution is not a Gaussian's."""
 _COARSE = 0.12
 """Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
+_CORE = 0.9
+"""Deviation of the core relative to that of all values from which the tails matter to N."""
 _STRETCHES = 64
 """Stretches, each of nearly one level, within which tails are looked at where the level changes."""
 _TURNS = 4
@@ -579,7 +581,17 @@ def _tails(view: View) -> list[Candidate]:
     if period_s is not None:
         words += f": the noise is louder every {period_s:.4g} s"
         figures["period_s"] = period_s
+    elif kurtosis > 0:
+        figures["core_ratio"] = core = _core_ratio(view.innovations)
+        if core < _CORE:
+            words += f": its core has {core:.2g} times the noise"
     return [_distribution(view, gain, words, **figures)]
+
+
+def _core_ratio(white: Array) -> float:
+    """Return the deviation of a Gaussian with these quartiles, relative to that of all values."""
+    quartiles = np.quantile(white, (0.25, 0.75))
+    return float(np.ptp(quartiles) / (2 * math.sqrt(CHI_SQUARE_MEDIAN) * np.std(white)))
 
 
 def _tails_beside(level: VarianceChange, view: View) -> list[Candidate]:

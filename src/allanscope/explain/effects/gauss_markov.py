@@ -9,35 +9,31 @@ process has an ordinate variance, with :math:`\phi = e^{-1/(f_s T_c)}`,
 A random telegraph signal has the same spectrum; only its two levels tell them apart.
 
 The likelihood of sigma is no parabola: flicker and the random walk, which imitate the process, are
-mostly 0 beside it and can only grow. Its interval is where the likelihood, N, B and K refitted, has
-fallen by 1.92 nats, along the line on which the likeliest correlation time goes with sigma.
+mostly 0 beside it and can only grow. The interval of either number is where its profile likelihood,
+the other one, N, B and K refitted, has fallen by 1.92 nats.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.band_limit import low_pass_instead
 from allanscope.explain.effects.unexplained import lasting
-from allanscope.explain.regression import reach_at_95
 from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
 from allanscope.noise.part import Part
-from allanscope.optimise import minimise_between
-
-Array = NDArray[np.float64]
+from allanscope.optimise import minimise_between, root_between
+from allanscope.quantities import CHI_SQUARE_95
 
 _PER_DECADE = 5
 """Correlation times tried a decade: half a step off, the likelihood has lost next to nothing."""
@@ -46,10 +42,11 @@ _TELLING = 25.0
 _SHORTEST, _AT_THE_END = 1.5, 1.05
 """Shortest correlation time looked for, in rows: a shorter one bends white noise over the whole
 band, as a low-pass does, and cannot be told from it. What is likeliest there is no process."""
-_VAGUE = 5.0
-"""Standard error of ln sigma beyond which it is not known at all."""
-_FARTHEST = 3.0
-"""Logarithm of the largest factor by which the correlation time goes with sigma."""
+_FIRST, _FARTHEST = 0.05, 3.0
+"""First distance at which an end of an interval is looked for, of a shape or of ln size, and the
+farthest of a logarithm."""
+_CLOSE, _SHARE = 2e-3, 0.01
+"""Within which it is found; and the likeliest shape of a size, as a share of where it is sought."""
 _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 
@@ -118,20 +115,6 @@ def _shortest(view: View) -> float:
     return _SHORTEST / view.grid.rate_hz
 
 
-def _sigma(fit: Spectrum) -> float:
-    """Return the standard deviation of the process of a fit."""
-    return float(np.sqrt(fit.model.components[-1].power))
-
-
-def _amplitude_error(fit: Spectrum) -> float:
-    """Return the standard error of that, from the information about all powers."""
-    basis = [fit.fit.likelihood.column(fit.model, c.with_power(1.0)) for c in fit.model]
-    free = [b for b, c in zip(basis, fit.model, strict=True) if c.has_amplitude]
-    scaled = np.array(free) * (np.sqrt(fit.fit.likelihood.dof / 2) / fit.fit.expected)
-    variance = np.linalg.pinv(scaled @ scaled.T, hermitian=True)[-1, -1]
-    return float(np.sqrt(max(variance, 0.0))) / (2 * max(_sigma(fit), 1e-300))
-
-
 def loglik_beside(view: View, power: float, process: Part) -> float:
     """Return the log-likelihood with a process of a given power, N, B and K refitted.
 
@@ -153,7 +136,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     )
     tc = float(np.exp(best))
     fit = view.spectrum_with(Process(1.0, tc))
-    sigma, gain = _sigma(fit), fit.loglik - view.spectrum.loglik
+    sigma, gain = float(np.sqrt(fit.model.components[-1].power)), fit.loglik - view.spectrum.loglik
     # Two levels can be told from a bell only where a dwell stands out of the noise within it.
     noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
     signal = 2 * tc * sigma**2 / max(noise, 1e-300)
@@ -170,26 +153,65 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
 
 def _with_intervals(view: View, fit: Spectrum, effect: GaussMarkov) -> GaussMarkov:
     """Return it with the intervals of both numbers."""
-    sigma, tc, h = effect.sigma.value, effect.correlation_time.value, 0.1
-    after, before = (view.spectrum_with(Process(1.0, tc * np.exp(s))) for s in (h, -h))
-    curvature = (2 * fit.loglik - after.loglik - before.loglik) / h**2
-    error = 1 / np.sqrt(max(curvature, 1e-2))
-    # The profile over Tc refits sigma; seen the other way round, Tc moves with sigma.
-    turn = (_sigma(after) - _sigma(before)) / (2 * h * max(sigma, 1e-300))
-    alone = _amplitude_error(fit) / max(sigma, 1e-300)
-    spread = min(float(np.hypot(alone, turn * error)), _VAGUE)
-    slope = turn * error**2 / max(spread**2, 1e-300)
-
-    def drop(side: float, distance: float) -> float:
-        x = side * spread * distance
-        along = float(np.clip(slope * x, -_FARTHEST, _FARTHEST))
-        moved = Process(1.0, tc * np.exp(along))
-        return fit.loglik - loglik_beside(view, (sigma * np.exp(x)) ** 2, moved)
-
-    lower, upper = (
-        sigma * np.exp(side * spread * reach_at_95(partial(drop, side))) for side in (-1.0, 1.0)
+    sigma, tc = effect.sigma.value, effect.correlation_time.value
+    times, sizes = profile_intervals(
+        view, fit, sigma, lambda x: Process(1.0, tc * float(np.exp(x))), (-_FARTHEST, _FARTHEST)
     )
     return GaussMarkov(
-        Estimate(sigma, float(lower), float(upper), view.unit),
-        Estimate.of_log(tc, min(error, 10.0), "s"),
+        Estimate(sigma, sigma * sizes[0], sigma * sizes[1], view.unit),
+        Estimate(tc, tc * float(np.exp(times[0])), tc * float(np.exp(times[1])), "s"),
     )
+
+
+def profile_intervals(
+    view: View,
+    fit: Spectrum,
+    size: float,
+    process: Callable[[float], Part],
+    farthest: tuple[float, float],
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return how far the shape of a process may move, and by which factors its size.
+
+    To where the profile likelihood has fallen by 1.92 nats. Curvature would take N, B or K for
+    known where they came out as 0.
+
+    Parameters
+    ----------
+    fit : Spectrum
+        The likeliest.
+    size : float
+        Root of the power of the process in it.
+    process : callable
+        The process, of power 1, whose shape is moved by so much.
+    farthest : tuple of float
+        Least and largest move.
+    """
+
+    def moved(x: float) -> float:
+        return fit.loglik - view.loglik_with(process(x))
+
+    down, up = _reach(lambda x: moved(-x), -farthest[0]), _reach(moved, farthest[1])
+    low, high = max(-2 * down, farthest[0]), min(2 * up, farthest[1])
+
+    def sized(log_factor: float) -> float:
+        power = (size * np.exp(log_factor)) ** 2
+        _, least = minimise_between(
+            lambda x: -loglik_beside(view, power, process(x)),
+            low,
+            high,
+            within=_SHARE * (high - low),
+        )
+        return fit.loglik + least
+
+    smaller, larger = _reach(lambda x: sized(-x), _FARTHEST), _reach(sized, _FARTHEST)
+    return (-down, up), (float(np.exp(-smaller)), float(np.exp(larger)))
+
+
+def _reach(drop: Callable[[float], float], farthest: float) -> float:
+    """Return how far one may go until a likelihood has fallen by what 95 % allow."""
+    far = min(_FIRST, farthest)
+    while drop(far) < CHI_SQUARE_95 / 2:
+        if far == farthest:
+            return farthest
+        far = min(2 * far, farthest)
+    return root_between(lambda x: drop(x) - CHI_SQUARE_95 / 2, 0.0, far, within=_CLOSE)

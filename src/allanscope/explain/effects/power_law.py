@@ -10,7 +10,7 @@ coefficients stay those of what is left beside it, so B or K may vanish with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -20,7 +20,7 @@ from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.band_limit import BandLimit, low_pass_instead
-from allanscope.explain.effects.gauss_markov import GaussMarkov, loglik_beside
+from allanscope.explain.effects.gauss_markov import GaussMarkov, profile_intervals
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
@@ -28,8 +28,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.filters import LowPass
 from allanscope.noise.grid import Grid
-from allanscope.optimise import minimise_between, root_between
-from allanscope.quantities import CHI_SQUARE_95
+from allanscope.optimise import minimise_between
 
 _BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
 """Exponents tried: those between the textbook's 0, 1 and 2."""
@@ -40,11 +39,6 @@ _LEAST = 0.15
 """Exponent below which it is white noise that something else bends, and N would vanish with it."""
 _UNALIASED = 2 / np.pi
 """Of a density that falls as 1/f, at Nyquist, over that which a sum has there."""
-_FIRST, _FARTHEST = 0.05, 3.0
-"""First distance at which an end of an interval is looked for, of the exponent and of ln density,
-and the farthest of the latter."""
-_CLOSE = 2e-3
-"""Within which they are found, and the likeliest exponent of a density."""
 _AT_THE_END = 1.05
 """Factor on the least exponent within which a fit has run into it."""
 
@@ -165,45 +159,18 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
 
 
 def _with_intervals(view: View, fit: Spectrum, effect: PowerLaw) -> PowerLaw:
-    """Return it with the intervals of both numbers, from their profile likelihoods.
-
-    Curvature would take N, B or K for known where they came out as 0.
-    """
+    """Return it with the intervals of both numbers."""
     _, shape = Process.quantities
     exponent, density = effect.exponent.value, effect.density.value
-
-    def at(moved: float) -> float:
-        inside = float(np.clip(moved, shape.lower, shape.upper))
-        return fit.loglik - view.loglik_with(Process(1.0, inside))
-
-    lower = exponent - _reach(lambda x: at(exponent - x), exponent - shape.lower)
-    upper = exponent + _reach(lambda x: at(exponent + x), shape.upper - exponent)
-    low, high = max(2 * lower - exponent, shape.lower), min(2 * upper - exponent, shape.upper)
-
-    def sized(log_factor: float) -> float:
-        power = (density * np.exp(log_factor)) ** 2
-        _, least = minimise_between(
-            lambda a: -loglik_beside(view, power, Process(1.0, a)), low, high, within=_CLOSE
-        )
-        return fit.loglik + least
-
-    down, up = _reach(lambda x: sized(-x), _FARTHEST), _reach(sized, _FARTHEST)
+    moves, sizes = profile_intervals(
+        view,
+        fit,
+        density,
+        lambda x: Process(1.0, float(np.clip(exponent + x, shape.lower, shape.upper))),
+        (shape.lower - exponent, shape.upper - exponent),
+    )
     return replace(
         effect,
-        exponent=replace(effect.exponent, lower=lower, upper=upper),
-        density=replace(
-            effect.density,
-            lower=density * float(np.exp(-down)),
-            upper=density * float(np.exp(up)),
-        ),
+        exponent=replace(effect.exponent, lower=exponent + moves[0], upper=exponent + moves[1]),
+        density=replace(effect.density, lower=density * sizes[0], upper=density * sizes[1]),
     )
-
-
-def _reach(drop: Callable[[float], float], farthest: float) -> float:
-    """Return how far one may go until a likelihood has fallen by what 95 % allow."""
-    far = min(_FIRST, farthest)
-    while drop(far) < CHI_SQUARE_95 / 2:
-        if far == farthest:
-            return farthest
-        far = min(2 * far, farthest)
-    return root_between(lambda x: drop(x) - CHI_SQUARE_95 / 2, 0.0, far, within=_CLOSE)

@@ -10,16 +10,20 @@ and where every row is as likely beforehand the border is in the rows that hold 
 exponential (Smith, *Biometrika* 62, 407, 1975). Nothing here is a parabola: how far one may be off
 depends on the contrast alone, not on the number of rows. Loud noise is quiet in many a row: the
 likeliest border is where the first large row is, mostly too late, so the median is told.
+
+Of a level that is known from few rows, n of them of sum s, every one is as likely in its logarithm:
+integrated over it the likelihood is that of :math:`\Gamma(n / 2) (s / 2)^{-n / 2}`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
 
 from allanscope.explain.effect import Estimate
 
-__all__ = ["instant_of", "rows_of_border"]
+__all__ = ["instant_of", "loglik_of_level", "rows_of_border", "rows_of_loglik"]
 
 Array = NDArray[np.float64]
 
@@ -49,9 +53,27 @@ def rows_of_border(
     [2.38, 0.99, 2.97]
     """
     gained = np.log(after / before) - squares * (1 / before - 1 / after)
-    loglik = 0.5 * weight * np.concatenate([[0.0], np.cumsum(gained)])
+    return rows_of_loglik(0.5 * weight * np.concatenate([[0.0], np.cumsum(gained)]))
+
+
+def loglik_of_level(count: Array, total: Array, weight: float = 1.0) -> Array:
+    """Return the log-likelihood of squares of one level that is not known, to a constant.
+
+    Parameters
+    ----------
+    count, total : ndarray, shape (m,)
+        How many there are of each, and their sum.
+    weight : float
+        As of `rows_of_border`.
+    """
+    half = 0.5 * weight * count
+    return np.asarray(gammaln(half) - half * np.log(0.5 * weight * total))
+
+
+def rows_of_loglik(loglik: Array) -> tuple[float, float, float]:
+    """Return the same as `rows_of_border` of the log-likelihoods of borders at row 0, 1, ..."""
     below = np.concatenate([[0.0], np.cumsum(np.exp(loglik - loglik.max()))])
-    rows = np.maximum(np.arange(-1.0, len(squares) + 1), 0.0)
+    rows = np.maximum(np.arange(-1.0, len(loglik)), 0.0)
     median, low, high = np.interp(np.array([0.5, _OUT, 1 - _OUT]) * below[-1], below, rows)
     return float(median), float(low), float(high)
 

@@ -28,7 +28,7 @@ from scipy.special import chdtrc
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.noise_level_border import instant_of, rows_of_border
+from allanscope.explain.noise_level_border import instant_of, loglik_of_level, rows_of_loglik
 from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 from allanscope.quantities import measured, moment
@@ -279,11 +279,13 @@ def _border(
         low, high = max(0, first - reach), first + min(reach, within)
     else:
         low, high = last - min(reach, within), min(len(rows), last + reach)
-    squares = np.minimum(rows**2, _CAP)
-    inside = float(squares[first:last].mean())
-    levels = (inside / ratio, inside) if is_start else (inside, inside / ratio)
-    border = rows_of_border(squares[low:high], *levels, weight=freedom / size)
-    return instant_of(border, view.grid.rate_hz, low / view.grid.rate_hz)
+    total = np.concatenate([[0.0], np.cumsum(np.minimum(rows**2, _CAP))])
+    border, weight = np.arange(low, high + 1, dtype=np.int64), freedom / size
+    begin, end = (border, last) if is_start else (first, border)
+    count, inside = np.asarray(end - begin, np.float64), total[end] - total[begin]
+    loglik = loglik_of_level(count, inside, weight)
+    loglik += loglik_of_level(len(rows) - count, total[-1] - inside, weight)
+    return instant_of(rows_of_loglik(loglik), view.grid.rate_hz, low / view.grid.rate_hz)
 
 
 def _freedom(power: Array, size: int) -> float:

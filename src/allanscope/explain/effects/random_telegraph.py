@@ -328,14 +328,11 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
     block_s = hop / grid.rate_hz
     level = view.data[: blocks * hop].reshape(blocks, hop).mean(axis=1)
     level = level - level.mean()
-    spectrum = view.spectrum
     f = np.arange(1, blocks) * grid.rate_hz / (2 * grid.n)
-    white = float(np.median(view.power[-40:])) / hop if len(view.power) > 80 else 0.0
-    white = max(
-        white, spectrum.model.value("N") ** 2 * grid.rate_hz / hop, _LEAST * float(level.var())
-    )
     size, rate = amplitude, min(0.4, block_s / dwell_s)
     parts = _parts(view, dwell_s / 2, f)
+    # That beside hops: at the top of the band, where they are short, they are still louder.
+    white = max(float(parts[0].mean()) / hop, _LEAST * float(level.var()))
     whole = np.maximum(parts[0] + parts[1] + parts[2], np.finfo(np.float64).tiny)
     beneath_both = parts[1] / whole
     total = parts[0] + parts[1]

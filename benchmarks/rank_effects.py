@@ -332,22 +332,22 @@ class Hider:
         return Hidden("scale_drift", self.d, {"relative": relative}, rows[:, np.newaxis], self.rate)
 
     def amplitude_coupling(self) -> Hidden:
-        """Let the source be shaken now and then, and the axis be louder while it is."""
+        """Let the source be shaken now and then, and samples be as loud as it moves."""
         block = 64
         pieces = self.n // block + 1
         envelope = np.repeat(np.exp(self.rng.normal(0, 0.8, pieces)), block)[: self.n]
         other = replace(draw_noise(self.rng, "gy"), lsb=LSB)
         motion = 8 * self.sigma * envelope * self.rng.normal(size=self.n)
         source = self.base(other) + motion
-        power = envelope**2 / np.mean(envelope**2)
-        share = min(self.d / np.sqrt(0.5 * self.n * float(np.var(power))), 0.95)
-        # Of the white noise, so much follows the square of the source.
-        even = np.sqrt(1 - share) * self.sigma * self.rng.normal(size=self.n)
-        follows = np.sqrt(share * power) * self.sigma * self.rng.normal(size=self.n)
+        spread = float(np.var(envelope**2) / np.mean(envelope**2) ** 2)
+        share = min(self.d / np.sqrt(0.5 * self.n * spread), 0.95)
+        # Of the white noise, so much follows the square of the motion.
+        power = motion**2 / np.mean(motion**2)
         change = 1 + share * (power - 1)
+        own = np.sqrt(change) * self.sigma * self.rng.normal(size=self.n)
         self.d = float(np.sqrt(-np.sum(np.log(change))))
         slope = float(np.sqrt(share * self.sigma**2 / np.mean(motion**2)))
-        both = np.column_stack([even + follows, source])
+        both = np.column_stack([own, source])
         return Hidden(
             "amplitude_coupling", self.d, {"share": share, "slope": slope}, both, self.rate
         )

@@ -35,7 +35,8 @@ Array = NDArray[np.float64]
 _BLOCK_S, _FEWEST_ROWS, _FEWEST = 0.5, 16, 64
 """Length of a block, rows in one, and blocks in a record, at the least."""
 _CAP = 20.0
-"""Squares over their mean are cut here, so that one sample cannot make a block loud."""
+"""Squares over their mean are cut here, or so much higher as the source is louder, so that one
+sample cannot make a block loud."""
 _STRETCHES = 24
 """Stretches of the record, every second of which is held out."""
 _MOVES = 4.0
@@ -103,24 +104,24 @@ class AmplitudeCoupling(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Compare the power of the noise with the motion and the level of every other axis."""
-        power, size, kept = _power(view)
-        if len(power) < _FEWEST:
+        squares, size, kept = _squares(view)
+        if len(squares) < _FEWEST:
             return []
         own = _spread(_motion(view.samples, size), size)
         found = []
         for source, level, motion in _sources(view, size):
             q = motion[kept]
             if _spread(motion, size) > max(_SOURCE * own, _MOVES * 2 / size):
+                power = _power(squares, q)
                 share = _fit(power, q)
                 freedom = _freedom(power, size, q, share)
                 gain = float(_gains(power, freedom, q, share).sum())
-                found.append((gain, share, source, level, motion, freedom))
+                found.append((gain, share, source, level, power, q, freedom))
         if not found:
             return []
-        gain, share, source, level, motion, freedom = max(found, key=lambda one: one[0])
+        gain, share, source, level, power, q, freedom = max(found, key=lambda one: one[0])
         if gain < _CLEARLY:
             return []
-        q = motion[kept]
         looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
         curvature = -(
             _gains(power, freedom, q, share + _STEP).sum()
@@ -133,7 +134,9 @@ class AmplitudeCoupling(EffectKind):
         effect = cls(
             Parameter(source),
             Estimate.of_log(
-                slope, error / (2 * max(share, _STEP)), f"{view.unit}/{view.unit_of(source)}"
+                slope,
+                error / (2 * max(share * (1 - share), _STEP)),
+                f"{view.unit}/{view.unit_of(source)}",
             ),
             Estimate.of(share, error),
             level,
@@ -164,8 +167,9 @@ class AmplitudeCoupling(EffectKind):
         Of one event that shakes both axes nothing can be told: without the stretch that gains most,
         and those beside it, the noise must follow by the same share as well.
         """
-        power, size, kept = _power(view)
+        squares, size, kept = _squares(view)
         q, share, most = self._source(view)[kept], self.share.value, self.share.upper
+        power = _power(squares, q)
         freedom, stretch = _freedom(power, size, q, share), _stretches(len(power))
         gained = np.bincount(stretch, _gains(power, freedom, q, share))
         away = np.abs(stretch - int(np.argmax(gained))) > 1
@@ -187,8 +191,9 @@ class AmplitudeCoupling(EffectKind):
         Where few stretches hold most of the gain their scatter would be the gain itself: the error
         is what noise moves a gain by.
         """
-        power, size, kept = _power(view)
-        q, stretch = self._source(view)[kept], _stretches(len(power))
+        squares, size, kept = _squares(view)
+        q = self._source(view)[kept]
+        power, stretch = _power(squares, q), _stretches(len(q))
         freedom = _freedom(power, size, q, self.share.value)
         gained = np.zeros(len(power))
         for fold in (0, 1):
@@ -212,8 +217,8 @@ def _stretches(blocks: int) -> NDArray[np.int64]:
     return np.arange(blocks) * _STRETCHES // blocks
 
 
-def _power(view: View) -> tuple[Array, int, NDArray[np.bool_]]:
-    """Return the mean squares of blocks of the whitened data, rows in one, and which they are.
+def _squares(view: View) -> tuple[Array, int, NDArray[np.bool_]]:
+    """Return the squares of the whitened data in blocks, rows in one, and which blocks they are.
 
     Where a burst was taken out of the rows they tell nothing: they are no longer as loud as the
     other axis moves.
@@ -221,14 +226,20 @@ def _power(view: View) -> tuple[Array, int, NDArray[np.bool_]]:
     size = _block_rows(view)
     blocks = view.grid.n // size
     if blocks < _FEWEST:
-        return np.empty(0), size, np.zeros(blocks, bool)
+        return np.empty((0, size)), size, np.zeros(blocks, bool)
     white = view.innovations[: blocks * size].reshape(blocks, size)
     bursts = [
         c.signal for c in view.accepted if c.effect.motion == "burst" and c.signal is not None
     ]
     taken = np.any(bursts, axis=0) if bursts else np.zeros(view.grid.n, bool)
     kept = ~np.any(taken[: blocks * size].reshape(blocks, size), axis=1)
-    return np.mean(np.minimum(white[kept] ** 2, _CAP), axis=1), size, kept
+    return white[kept] ** 2, size, kept
+
+
+def _power(squares: Array, q: Array) -> Array:
+    """Return the mean squares of blocks: where the source is loud, loud samples may follow it."""
+    most = _CAP * np.maximum(q / q.mean(), 1.0)
+    return np.asarray(np.minimum(squares, most[:, np.newaxis]).mean(axis=1))
 
 
 def _motion(x: Array, size: int) -> Array:

@@ -13,6 +13,7 @@ from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.estimators.theo1 import theo1_profile, thinned_theo1_variance
 from allanscope.allan.shard import ALIGNED, BLOCK, Shard
 from allanscope.clock import Clock
+from allanscope.explain.burst_rows import find_bursts
 from allanscope.explain.effects.random_telegraph import posterior
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.series import series_of
@@ -171,6 +172,7 @@ def series() -> None:
         posterior(RNG.normal(size=n), 1.0, 0.05, 1.0)
         demodulate(RNG.normal(size=n), 100.0, 3.0, 1)
         FractionalIntegral(0.5, 1e6, RNG).apply(RNG.normal(size=n))
+        find_bursts(RNG.normal(size=n), 100.0)
     FractionalIntegral(0.5, 1e6, RNG).apply(np.empty(0))
 
 

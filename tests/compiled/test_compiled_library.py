@@ -19,7 +19,7 @@ from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import reflected, theo1
 from allanscope.compiled import LibraryMissing, Pointer, build, kernel
-from allanscope.explain import regression
+from allanscope.explain import burst_rows, regression
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 from allanscope.noise import amplitudes
@@ -127,6 +127,7 @@ def results() -> list[NDArray[Any]]:
     power = columns.sum(axis=0) * rng.gamma(5.0, 0.2, 99)
     theta, loglik, expected = amplitudes.maximise(columns, power, np.full(99, 5.0), np.zeros(99))
     view = View.of(series_of(thinned(values[:, np.newaxis])), "gx", None)
+    rings = burst_rows._Bank(burst_rows._Rows.of(rng.normal(size=9001)), 32)
     fit = regression.joint_fit(view, regression.step_ordinates(view.grid, 450, view.grid.low))
     return [
         *cascade.settled().arrays().values(),
@@ -138,6 +139,7 @@ def results() -> list[NDArray[Any]]:
         *(np.array(reflected.reflected_mean_square(values, m, 1)) for m in (7, 100)),
         np.array(theo1.theo1_variance(values, 202)),
         *(theta, np.array(loglik), expected),
+        *(rings.power(np.arange(99)), rings.largest()),
         *(fit.amplitude, fit.covariance, fit.power, fit.powers),
         *(watch._summarise.power, watch._summarise._noise),
         *(watch._lines._sums, watch._scan._square, watch._scan._fourth),
@@ -162,6 +164,8 @@ def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.Mo
         (theo1, "_squares", "theo1_squares"),
         (amplitudes, "_maximise", "maximise"),
         (regression, "_fit_loop", "fit_signal"),
+        (burst_rows, "_powers", "powers_of_pieces"),
+        (burst_rows, "_largest", "largest_powers"),
         (summary, "_rows_int16", "watch_rows_int16"),
         (summary, "_levels", "watch_levels"),
         (summary, "_spectrum", "watch_spectrum"),

@@ -64,19 +64,25 @@ static inline ways square(ways re, ways im, float norm) {
     return re * re + im * im;
 }
 
-/* The last pass, and the squares of each bin: of the real part of the first and of the last. */
-static inline void squares_of_halves(const ways *a, ways *bins, const float *turn) {
-    enum { WIDTH_OF_HALF = SEGMENT / 2, LAST = WIDTH_OF_HALF - 1 };
-    const float norm = (float)(1.0 / sqrt((double)SEGMENT));
-    const ways *b = a + WIDTH_OF_HALF;
+/* The last pass of halves, so wide, and the squares of each bin: of the real part of the first and of
+   the last. */
+static inline void squares_of_halves(
+    const ways *a, ways *bins, int64_t width, const float *turn, float norm) {
+    const ways *b = a + width;
     ways mean = (a[0] + b[0]) * norm, end = (a[0] - b[0]) * norm;
-    bins[0] = mean * mean, bins[WIDTH_OF_HALF] = end * end;
-    bins[WIDTH_OF_HALF / 2] = square(a[LAST], -b[LAST], norm);
-    for (int64_t i = 2; i < WIDTH_OF_HALF; i += 2) {
+    bins[0] = mean * mean, bins[width] = end * end;
+    bins[width / 2] = square(a[width - 1], -b[width - 1], norm);
+    for (int64_t i = 2; i < width; i += 2) {
         pair two = turned_by((pair){b[i - 1], b[i]}, turn, i / 2);
         bins[i / 2] = square(a[i - 1] + two.re, two.im + a[i], norm);
-        bins[WIDTH_OF_HALF - i / 2] = square(a[i - 1] - two.re, two.im - a[i], norm);
+        bins[width - i / 2] = square(a[i - 1] - two.re, two.im - a[i], norm);
     }
+}
+
+/* The squares of each bin of a transform of a length that has no last pass of halves. */
+static inline void squares_of(const ways *a, ways *bins, int64_t size) {
+    bins[0] = a[0] * a[0], bins[size / 2] = a[size - 1] * a[size - 1];
+    for (int64_t k = 1; k < size / 2; k++) bins[k] = square(a[2 * k - 1], a[2 * k], 1.0f);
 }
 
 /* Part eight rows of eight numbers into columns. */
@@ -150,7 +156,7 @@ KERNEL(void, periodograms)
         quarters(a, b, 16, 32, turn);
         quarters(b, a, 64, 8, turn);
         quarters(a, b, 256, 2, turn);
-        squares_of_halves(b, a, turn);
+        squares_of_halves(b, a, SEGMENT / 2, turn, (float)(1.0 / sqrt((double)SEGMENT)));
         for (int64_t k = 0; k < BINS; k += WAYS) {
             ways bins[WAYS];
             transpose(a + k, bins);
@@ -159,6 +165,65 @@ KERNEL(void, periodograms)
                 for (int64_t i = 0; i < least(WAYS, BINS - k); i++) own[i] += (double)bins[w][i];
             }
         }
+    }
+}
+
+/* |FFT|^2 of eight pieces of `form` times the series, each from its start on; the size is a power of
+   two, 64 or more. Returns the bins; `room` has place for two times eight pieces. */
+static inline const ways *powers_of_eight(
+    const float *series, const int64_t *start, int64_t size, const float *form, const float *turn,
+    float *room) {
+    ways *a = (ways *)room, *b = a + size;
+    for (int64_t i = 0; i < size / 4; i += WAYS) {
+        ways of_quarters[4 * WAYS];
+        for (int k = 0; k < 4; k++) {
+            ways rows[WAYS];
+            int64_t at = k * (size / 4) + i;
+            for (int w = 0; w < WAYS; w++)
+                rows[w] = *(const ways *)(series + start[w] + at) * *(const ways *)(form + at);
+            transpose(rows, of_quarters + k * WAYS);
+        }
+        quarters(of_quarters, a + 4 * i, 1, WAYS, turn);
+    }
+    int64_t width = 4;
+    for (; 4 * width <= size; width *= 4) {
+        quarters(a, b, width, size / (4 * width), turn);
+        ways *other = a;
+        a = b, b = other;
+    }
+    if (width < size)
+        squares_of_halves(a, b, width, turn, 1.0f);
+    else
+        squares_of(a, b, size);
+    return b;
+}
+
+/* The powers of pieces of a series, shape (size / 2 + 1, count): the same bin of all side by side. */
+KERNEL(void, powers_of_pieces)
+(const float *series, const int64_t *starts, int64_t count, int64_t size, const float *form,
+ const float *turn, float *room, float *power) {
+    for (int64_t first = 0; first < count; first += WAYS) {
+        int64_t many = least(WAYS, count - first), start[WAYS];
+        for (int64_t w = 0; w < WAYS; w++) start[w] = starts[first + least(w, many - 1)];
+        const ways *bins = powers_of_eight(series, start, size, form, turn, room);
+        for (int64_t k = 0; k <= size / 2; k++)
+            memcpy(power + k * count + first, bins + k, (size_t)many * sizeof(float));
+    }
+}
+
+/* The largest ratio of the power of each of `count` pieces, `hop` apart, to a mean, from the bin `low`
+   up to `high`. */
+KERNEL(void, largest_powers)
+(const float *series, int64_t hop, int64_t count, int64_t size, const float *form, const float *turn,
+ float *room, const double *mean, int64_t low, int64_t high, double *largest) {
+    for (int64_t first = 0; first < count; first += WAYS) {
+        int64_t many = least(WAYS, count - first), start[WAYS];
+        for (int64_t w = 0; w < WAYS; w++) start[w] = hop * (first + least(w, many - 1));
+        const ways *bins = powers_of_eight(series, start, size, form, turn, room);
+        double most[WAYS] = {0.0};
+        for (int64_t k = low; k < high; k++)
+            for (int w = 0; w < WAYS; w++) most[w] = larger(most[w], (double)bins[k][w] / mean[k]);
+        memcpy(largest + first, most, (size_t)many * sizeof(double));
     }
 }
 

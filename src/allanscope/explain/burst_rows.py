@@ -27,7 +27,7 @@ too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -36,6 +36,7 @@ from scipy.fft import rfft
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.lazy import once
 from allanscope.median import median
 from allanscope.quantities import MAD_TO_SIGMA
@@ -100,6 +101,22 @@ _PIECES = 128
 """Places at which the level is let change."""
 
 
+_EIGHT = 8
+"""Pieces that are transformed side by side."""
+_NUMBERS = Pointer(np.float32, 1)
+_ROOM = Pointer(np.float32, 1, written=True)
+_powers = kernel(
+    "powers_of_pieces",
+    *(_NUMBERS, Pointer(np.int64, 1), int, int, _NUMBERS, Pointer(np.float32, 2), _ROOM),
+    Pointer(np.float32, 2, written=True),
+)
+_largest = kernel(
+    "largest_powers",
+    *(_NUMBERS, int, int, int, _NUMBERS, Pointer(np.float32, 2), _ROOM),
+    *(Pointer(np.float64, 1), int, int, Pointer(np.float64, 1, written=True)),
+)
+
+
 @dataclass(frozen=True)
 class Burst:
     """One burst on one axis.
@@ -158,8 +175,8 @@ def find_bursts(
         bank = _Bank(rows, decay)
         if bank.flatness < _FLAT:
             break  # what wanders shows the more, the finer the frequencies are
-        best, loud = bank.scanned(with_loudness=loudness is None)
-        loudness = _of_windows(loud) if loudness is None else loudness
+        best = bank.largest()
+        loudness = _of_windows(bank.loudness()) if loudness is None else loudness
         for place in _loud_places(best, _CLOSER * (looked_at - np.log(ALPHA))):
             burst = _at(bank, place * bank.hop, loudness, looked_at)
             if burst is not None:
@@ -189,7 +206,7 @@ class _Rows:
     With them the numbers of the rows that are repeated.
     """
 
-    white: Array
+    white: NDArray[np.float32]
     source: Array
     filter: Array
     repeated: NDArray[np.int64]
@@ -214,7 +231,8 @@ class _Rows:
             return None
         errors /= own * scale
         numbers = np.flatnonzero(np.zeros(0, bool) if repeated is None else repeated)
-        return cls(np.clip(white / own, -_CUT, _CUT), x, errors, numbers)
+        white = np.clip(white / own, -_CUT, _CUT).astype(np.float32)
+        return cls(white, x, errors, numbers)
 
     @once
     def uncut(self) -> Array:
@@ -238,7 +256,7 @@ class _Bank:
         Decay time, length of the filter, and distance of places, in rows.
     rows : ndarray, shape (starts, size)
         What is filtered.
-    places : ndarray, shape (places, size)
+    places : int
         Those that are looked at first.
     mean : ndarray, shape (size // 2 + 1,)
         Power in noise.
@@ -250,40 +268,45 @@ class _Bank:
         self.source, self.decay = source, decay
         self.size, self.hop = _WINDOW * decay, decay // _HOPS
         self.form = np.exp(-np.arange(self.size) / decay)
-        self.rows = sliding_window_view(source.white.astype(np.float32), self.size)
+        self.rows = sliding_window_view(source.white, self.size)
         self.windows = len(source.white) / self.size
-        self.places = self.rows[:: self.hop]
-        apart = max(1, len(self.places) // _POINTS)
-        power = self.power(self.places[::apart])
-        self._known = power if apart == 1 else None  # of all places
+        self.places = len(self.rows[:: self.hop])
+        apart = max(1, self.places // _POINTS)
+        power = self.power(np.arange(0, self.places, apart) * self.hop)
         mean = _medians(power) / np.log(2)
         even = median_filter(mean, _SMOOTH, mode="nearest")
         inner = np.maximum(even[_SWINGS:-_TOP], 1e-30)
         self.flatness = float(np.exp(np.mean(np.log(inner))) / inner.mean())
         self.mean = np.where(mean > even * (1 + _LINE / np.sqrt(self.windows)), mean, even)
 
-    def power(self, rows: NDArray[np.float32]) -> Array:
-        """Return the power of rows at some places, shape (places, size // 2 + 1)."""
-        form, at_once = self.form.astype(np.float32), max(1, _AT_ONCE // self.size)
-        found: NDArray[Any] = np.empty((len(rows), self.size // 2 + 1), np.float32)
-        for k in range(0, len(rows), at_once):
-            z = rfft(rows[k : k + at_once] * form, axis=1)
-            np.add(z.real**2, z.imag**2, out=found[k : k + at_once])
+    def power(self, starts: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the power of rows from some starts on, shape (size // 2 + 1, starts)."""
+        found = np.empty((self.size // 2 + 1, len(starts)), np.float32)
+        _powers(self.source.white, starts, len(starts), *self._transform(), found)
         return found
 
-    def scanned(self, *, with_loudness: bool) -> tuple[Array, Array]:
-        """Return the largest relative power at all places, and with it how loud it is there."""
-        places, at_once = self.places, max(1, _AT_ONCE // self.size)
-        mean = self.mean[_SWINGS:-_TOP]
-        best, loudness = np.empty(len(places)), np.empty(len(places) if with_loudness else 0)
-        for k in range(0, len(places), at_once):
+    def _transform(self) -> tuple[int, NDArray[np.float32], *tuple[NDArray[np.float32], ...]]:
+        """Return what a transform takes: its size, form and waves, and room."""
+        room = np.empty(2 * _EIGHT * self.size, np.float32)
+        return self.size, self.form.astype(np.float32), _waves(self.size), room
+
+    def largest(self) -> Array:
+        """Return the largest relative power at all places."""
+        best = np.empty(self.places)
+        inner = _SWINGS, len(self.mean) - _TOP
+        _largest(
+            self.source.white, self.hop, self.places, *self._transform(), self.mean, *inner, best
+        )
+        return best
+
+    def loudness(self) -> Array:
+        """Return how loud it is at all places."""
+        loudness, at_once = np.empty(self.places), max(1, _AT_ONCE // self.size)
+        for k in range(0, self.places, at_once):
             some = slice(k, k + at_once)
-            power = self.power(places[some]) if self._known is None else self._known[some]
-            relative = power[:, _SWINGS:-_TOP] / mean
-            best[k : k + at_once] = relative.max(axis=1)
-            if with_loudness:
-                loudness[k : k + at_once] = _loudness(relative)
-        return best, loudness
+            power = self.power(np.arange(self.places)[some] * self.hop)[_SWINGS:-_TOP]
+            loudness[some] = _loudness(np.ascontiguousarray(power.T) / self.mean[_SWINGS:-_TOP])
+        return loudness
 
     def closer(self, starts: NDArray[np.int64], decays: Array) -> Array:
         """Return the relative power, shape (starts, decays, size + 1).
@@ -303,14 +326,21 @@ class _Bank:
         return relative
 
 
-def _medians(power: Array) -> Array:
-    """Return the medians of columns, as `numpy.median` does: one partition instead of two."""
-    columns, half = np.ascontiguousarray(power.T), len(power) // 2
-    columns.partition(half, axis=1)
-    upper = columns[:, half]
-    if len(power) % 2:
+@lru_cache(maxsize=16)
+def _waves(size: int) -> NDArray[np.float32]:
+    """Return cosine and sine of so many parts of a turn, by pairs."""
+    turns = np.arange(size) * (2 * np.pi / size)
+    return np.ascontiguousarray(np.stack([np.cos(turns), np.sin(turns)], axis=1), np.float32)
+
+
+def _medians(power: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the medians of rows, as `numpy.median` does: one partition instead of two."""
+    half = power.shape[1] // 2
+    power.partition(half, axis=1)
+    upper = power[:, half]
+    if power.shape[1] % 2:
         return upper
-    return np.asarray(np.mean([columns[:, :half].max(axis=1), upper], axis=0))
+    return np.asarray(np.mean([power[:, :half].max(axis=1), upper], axis=0))
 
 
 def _loudness(relative: Array) -> Array:
@@ -432,7 +462,7 @@ def _around(bank: _Bank, first: int, ordinate: int, relative: float) -> float:
         return np.inf
     near = np.arange(ordinate - 1, ordinate + 2)
     passed = np.array([bank.source.passed(k, bank.size) for k in near.tolist()])
-    power = bank.power(bank.rows[starts])[:, near].mean(axis=0) * (passed[1] / passed) ** 2
+    power = bank.power(starts)[near].mean(axis=1) * (passed[1] / passed) ** 2
     there, line = float(power[1]) / bank.mean[ordinate], float(power.max()) / bank.mean[ordinate]
     there = line if line > _LINE else there
     even = _FREEDOM * bank.windows if there < 1 + _LOUDER / np.sqrt(known) else 0.0

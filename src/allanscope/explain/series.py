@@ -211,7 +211,7 @@ class Series:
         """Shocks, on whichever axis."""
         rows = {axis: np.ascontiguousarray(self.values[:, k]) for k, axis in enumerate(self.axes)}
         steps = dict(zip(self.axes, self.lsb, strict=True))
-        return tuple(find_shock_rows(rows, self.rate_hz, steps))
+        return tuple(find_shock_rows(rows, self.rate_hz, steps, self.stride))
 
     @once
     def deviation(self) -> Deviation:

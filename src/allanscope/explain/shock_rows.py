@@ -153,7 +153,7 @@ class _Away:
 
 
 def find_shock_rows(
-    axes: Mapping[str, Array], rate_hz: float, steps: Mapping[str, float]
+    axes: Mapping[str, Array], rate_hz: float, steps: Mapping[str, float], stride: int = 1
 ) -> list[ShockRows]:
     """Return the shocks of a record, the first one first.
 
@@ -162,13 +162,17 @@ def find_shock_rows(
     axes : mapping
         Axis to its rows, equally spaced.
     steps : mapping
-        Axis to the least difference of its values.
+        Axis to the least difference of its samples.
+    stride : int
+        Samples of which a row is the mean.
     """
     window = int(_WINDOW_S * rate_hz) | 1
     size = len(next(iter(axes.values())))
     if window < _FEWEST_ROWS or size < 4 * window:
         return []
-    away = {axis: one for axis, x in axes.items() if (one := _away(x, window, steps[axis]))}
+    with ThreadPoolExecutor(get_workers()) as pool:  # as many as a transform may have
+        found_away = pool.map(lambda axis: _away(axes[axis], window, steps[axis], stride), axes)
+        away = {axis: one for axis, one in zip(axes, found_away, strict=True) if one is not None}
     groups = [group for axis, one in away.items() for group in _groups(axis, one, rate_hz)]
     repeated = np.zeros(size, bool)  # a row that is sent twice is so on all axes
     repeated[1:] = np.all([x[1:] == x[:-1] for x in axes.values()], axis=0)
@@ -258,7 +262,7 @@ def _soft(
     """Return what rings softly, away from what is loud, and the log of what was looked at."""
     rows = {axis: one.rows for axis, one in away.items() if one.sigma > _FINEST * steps[axis]}
     looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
-    with ThreadPoolExecutor(get_workers()) as pool:  # as many as a transform may have
+    with ThreadPoolExecutor(get_workers()) as pool:
         each = list(pool.map(lambda x: find_bursts(x, rate_hz, len(rows), repeated), rows.values()))
     if each:
         looked_at = each[0][1]  # the same for every axis
@@ -313,8 +317,8 @@ def _onset(squares: Array, first: int, stop: int, axes: int) -> tuple[float, flo
     return median, low, high
 
 
-def _away(x: Array, window: int, step: float) -> _Away | None:
-    level = _running_median(x, window, step)
+def _away(x: Array, window: int, step: float, stride: int) -> _Away | None:
+    level = _running_median(x, window, step / stride)
     away = x - level
     away -= _lines(away)
     sigma = _deviation(away, step)

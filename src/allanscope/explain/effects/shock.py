@@ -129,7 +129,7 @@ def _shaken(view: View) -> Iterable[ShockRows]:
     axes = view.series.axes
     rows = {axis: view.cleaned_source(axis) for axis in axes} | {view.axis: view.data}
     steps = dict(zip(axes, view.series.lsb, strict=True))
-    return find_shock_rows(rows, view.grid.rate_hz, steps)
+    return find_shock_rows(rows, view.grid.rate_hz, steps, view.series.stride)
 
 
 def _ends(effect: EffectKind) -> list[float]:

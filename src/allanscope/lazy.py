@@ -32,6 +32,7 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.abc import Loader
 from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, Generic, TypeVar, overload
 
@@ -171,6 +172,9 @@ class _Deferred(Loader):
         """Do nothing yet."""
 
         def find(name: str) -> Any:
+            inner = f"{module.__name__}.{name}"
+            if not self._begun and "__path__" in vars(module) and find_spec(inner) is not None:
+                return import_module(inner)  # `from package import module` needs no more of it
             with self._loading:
                 if not self._begun:
                     self._begun = True

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.fft import dct
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import Budget, LiveLoop, explain
 from allanscope.explain.effects import KINDS
+from allanscope.explain.effects.unexplained import DEGREE, _polynomials
 from allanscope.explain.residual import band_scores
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
@@ -21,6 +23,16 @@ RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 
 def kinds(record):
     return [e.kind for e in explain(record).axes["gx"].effects]
+
+
+@pytest.mark.parametrize(("rows", "first"), [(64, 63), (101, 50), (60_000, 900)])
+def test_ordinates_of_polynomials_are_those_of_a_transform(rows, first):
+    x = np.linspace(-1, 1, rows)
+    for degree, found in enumerate(_polynomials(rows, first), 1):
+        whole = dct(np.polynomial.Legendre.basis(degree)(x), norm="ortho")
+        rounding = 1e-10 * np.sqrt(rows)  # what is small there is the difference of large numbers
+        np.testing.assert_allclose(found, whole[1 : first + 1], rtol=0, atol=rounding)
+    assert degree == DEGREE
 
 
 def test_a_chirp_has_no_name(bench):

@@ -14,8 +14,9 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
+from numpy.polynomial.legendre import legder, legval
+from numpy.polynomial.polynomial import polymul
 from numpy.typing import NDArray
-from scipy.fft import dct
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -479,10 +480,31 @@ def with_misfits_joined(view: View) -> View:
 
 @lru_cache(maxsize=4)
 def _polynomials(n: int, m: int) -> Array:
-    """First m ordinates of the Legendre polynomials from degree 1 on, the same for every axis."""
-    polynomials = np.polynomial.legendre.legvander(np.linspace(-1, 1, n), DEGREE).T[1:]
-    centred = polynomials - polynomials.mean(axis=1, keepdims=True)
-    return np.ascontiguousarray(dct(centred, axis=1, norm="ortho")[:, 1 : m + 1])
+    """First m ordinates of the Legendre polynomials from degree 1 on, the same for every axis.
+
+    Summed twice by parts, the k-th ordinate of f at n points is what f does at the ends, over
+    (2 sin(theta / 2))^2 with theta = pi k / n, less that of its second differences over the same:
+    of a polynomial there is an end to it, of an even one the odd ordinates are 0, and the other way
+    round. Differences at an end are sums of derivatives, 2 sinh(h D / 2) for points h apart.
+    """
+    step, half = 2 / (n - 1), np.pi * np.arange(1, m + 1) / (2 * n)
+    found = np.zeros((DEGREE, m))
+    powers = range(DEGREE + 1)
+    first = np.array([q % 2 / (math.factorial(q) * 2.0 ** (q - 1)) for q in powers])
+    second = polymul(first, first)
+    for degree in range(1, DEGREE + 1):
+        legendre = [0.0] * degree + [1.0]
+        derivatives = [step**q * legval(1 + step / 2, legder(legendre, q)) for q in powers]
+        at_end, difference = [], first
+        for _ in range((degree + 1) // 2):
+            at_end.append(float(difference @ derivatives))
+            difference = polymul(difference, second)[: DEGREE + 1]
+        own = half[(degree - 1) % 2 :: 2]
+        turn, total = 1 / (2 * np.sin(own)) ** 2, np.zeros(len(own))
+        for jump in reversed(at_end):
+            total = turn * (jump - total)
+        found[degree - 1, (degree - 1) % 2 :: 2] = (-1) ** degree * np.cos(own) * total
+    return np.asarray(found * np.sqrt(8 / n))
 
 
 def drift_left_over(view: View) -> Candidate | None:
@@ -497,7 +519,7 @@ def drift_left_over(view: View) -> Candidate | None:
     if fit.gain < DRIFT_PENALTY:
         return None
     x = np.linspace(-1, 1, view.grid.n)
-    drift = np.polynomial.legendre.legval(x, [0.0, *fit.amplitude])
+    drift = legval(x, [0.0, *fit.amplitude])
     words = "a drift slower than {:.0f} s that is not exponential, linear or thermal"
     return _drift(view, drift, fit.gain, words)
 

@@ -453,6 +453,37 @@ def test_a_search_for_a_band_is_left_where_it_has_become_a_line(monkeypatch) -> 
     assert looked[0] < 0.3 * looked[1]
 
 
+def test_a_faint_band_is_fitted_once_as_well_as_from_every_run_and_by_both_shapes(
+    monkeypatch,
+) -> None:
+    """Where it is narrow the two have one spectrum, and every run around it leads to it."""
+    followed = narrowband._fit_shape
+    shapes: list[narrowband.Shape] = []
+
+    def counted(*of):
+        shapes.append(of[-1])
+        return followed(*of)
+
+    monkeypatch.setattr(narrowband, "_fit_shape", counted)
+    pole = np.exp((-np.pi * 0.08 + 2j * np.pi * 12.0) / RATE)
+    for seed in range(8):
+        rng = np.random.default_rng([312, seed])
+        driven = rng.standard_normal(N) + 1j * rng.standard_normal(N)
+        tone = np.sqrt(1 - abs(pole) ** 2) * lfilter([1.0], [1.0, -pole], driven).real
+        view = view_of(noise(seed) + 0.2 * tone)
+        shapes.clear()
+        (once,) = Narrowband.propose(view)
+        assert shapes == [narrowband._resonance]
+        with monkeypatch.context() as m:
+            m.setattr(narrowband, "_ONE_SHAPE", 0.0)
+            m.setattr(narrowband, "_is_around", lambda *_: False)
+            (every,) = Narrowband.propose(view)
+        assert len(shapes) == 5
+        assert once.gain == pytest.approx(every.gain, abs=0.2)
+        apart = abs(once.effect.frequency.value - every.effect.frequency.value)
+        assert apart < 0.2 * every.effect.frequency.error
+
+
 def test_what_is_left_at_a_first_fit_would_not_have_passed(monkeypatch) -> None:
     """Bands around the penalty: those that pass are the same when every one is followed."""
 

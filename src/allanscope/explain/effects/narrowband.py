@@ -73,6 +73,8 @@ _PENALTY = calibrated_penalty("narrowband")
 """Nats beyond half of those of as many independent frequencies as there are rows."""
 _RESOLVED = 0.05
 """Width over frequency below which bins are as wide as the band."""
+_ONE_SHAPE = 0.01
+"""Width over frequency below which resonance and wandering line differ by 0.1 nats in 100."""
 _NOTHING = 1e-12
 """Share of the largest power that is none."""
 _FORBIDDEN = 1e15
@@ -181,9 +183,14 @@ class Narrowband(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Take the most improbable run of ordinates of every width."""
-        fits = (_fit(view, start, width) for start, width in _runs(view))
+        fits: list[Fitted] = []
+        for start, width in _runs(view):
+            if any(_is_around(view, start, width, known) for known in fits):
+                continue
+            if (fit := _fit(view, start, width)) is not None:
+                fits.append(fit)
         # What is beside a range that was cut out belongs to it.
-        found = [fit for fit in fits if fit is not None and _kept(view, fit[0].frequency.value)]
+        found = [fit for fit in fits if _kept(view, fit[0].frequency.value)]
         if not found:
             return []
         _, best = max(found, key=_gain)
@@ -268,6 +275,15 @@ Fitted = tuple[Narrowband, Candidate]
 def _kept(view: View, frequency: float) -> bool:
     at = int(frequency * 2 * view.grid.n / view.grid.rate_hz) - 1
     return bool(view.spectrum.kept[min(max(at, 0), view.grid.n - 2)])
+
+
+def _is_around(view: View, start: int, width: int, fit: Fitted) -> bool:
+    """Return whether a run is around the centre of a band, and would only lead to it again.
+
+    What is loud may be described better from another beginning.
+    """
+    at = fit[0].frequency.value * 2 * view.grid.n / view.grid.rate_hz
+    return start <= at <= start + width and fit[1].gain < _SHAPELY
 
 
 def _runs(view: View) -> list[tuple[int, int]]:
@@ -363,6 +379,12 @@ def _is_hopeless(view: View, gain: float) -> bool:
     return gain < _HOPELESS * (_looked_at(view) - float(np.log(ALPHA)))
 
 
+def _has_one_shape(fit: Fitted) -> bool:
+    """Return whether a band is so narrow that a line which wanders has the same spectrum."""
+    band, gain = fit[0], fit[1].gain
+    return gain < _SHAPELY and band.bandwidth.value < _ONE_SHAPE * band.frequency.value
+
+
 def _fit(view: View, start: int, width: int) -> Fitted | None:
     """Return the likeliest shape; flat tops are looked for only where one could be seen."""
 
@@ -373,7 +395,7 @@ def _fit(view: View, start: int, width: int) -> Fitted | None:
     first = _fit_shape(view, start, width, _resonance)
     if isinstance(first, _FaintLine):
         return None
-    if first is not None and _is_hopeless(view, _gain(first)):
+    if first is not None and (_is_hopeless(view, _gain(first)) or _has_one_shape(first)):
         return first
     others = (first, likeliest((_wandering,)))
     best = max((fit for fit in others if fit is not None), key=_gain, default=None)

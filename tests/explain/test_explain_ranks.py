@@ -41,9 +41,9 @@ RATE = 13.0
 
 
 def view_of(*axes: np.ndarray, rate: float = RATE) -> View:
-    """Return rows of one or two axes as the loop sees them."""
+    """Return rows of one to three axes as the loop sees them."""
     values, n = np.column_stack(axes), len(axes[0])
-    names = ("gx", "gy")[: len(axes)]
+    names = ("gx", "gy", "gz")[: len(axes)]
     record = Record(
         rate_hz=rate,
         stride=1,
@@ -278,6 +278,18 @@ def test_noise_that_follows_loud_samples_follows_by_as_much_as_is_said():
             found.append(candidate.effect.share.value)
     assert len(found) == 80
     assert np.mean(found) == pytest.approx(share, abs=0.012)
+
+
+def test_noise_that_follows_an_axis_is_taken_out_as_that_axis_moves_whatever_another_does():
+    rng, n = np.random.default_rng(42), 3120
+    motion = np.repeat(np.exp(rng.normal(0, 0.8, 49)), 64)[:n] * rng.standard_normal(n)
+    rows = np.sqrt(0.4 + 0.6 * motion**2 / np.mean(motion**2)) * rng.standard_normal(n)
+    source = 8 * motion + rng.standard_normal(n)
+    kind = amplitude_coupling.AmplitudeCoupling
+    (alone,) = kind.propose(view_of(rows, source))
+    (beside,) = kind.propose(view_of(rows, source, rng.standard_normal(n)))
+    assert beside.effect == alone.effect
+    np.testing.assert_array_equal(beside.signal, alone.signal)
 
 
 def test_ends_of_a_gauss_markov_process_are_where_all_else_refitted_does_as_badly():

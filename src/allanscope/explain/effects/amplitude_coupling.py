@@ -116,12 +116,13 @@ class AmplitudeCoupling(EffectKind):
                 share = _fit(power, q)
                 freedom = _freedom(power, size, q, share)
                 gain = float(_gains(power, freedom, q, share).sum())
-                found.append((gain, share, source, level, power, q, freedom))
+                found.append((gain, share, source, level, motion, power, freedom))
         if not found:
             return []
-        gain, share, source, level, power, q, freedom = max(found, key=lambda one: one[0])
+        gain, share, source, level, motion, power, freedom = max(found, key=lambda one: one[0])
         if gain < _CLEARLY:
             return []
+        q = motion[kept]
         looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
         curvature = -(
             _gains(power, freedom, q, share + _STEP).sum()
@@ -167,23 +168,24 @@ class AmplitudeCoupling(EffectKind):
         Of one event that shakes both axes nothing can be told: without the stretch that gains most,
         and those beside it, the noise must follow by the same share as well.
         """
-        squares, size, kept = _squares(view)
-        q, share, most = self._source(view)[kept], self.share.value, self.share.upper
-        power = _power(squares, q)
-        freedom, stretch = _freedom(power, size, q, share), _stretches(len(power))
+        power, q, freedom = self._followed(view)
+        share, most, stretch = self.share.value, self.share.upper, _stretches(len(power))
         gained = np.bincount(stretch, _gains(power, freedom, q, share))
         away = np.abs(stretch - int(np.argmax(gained))) > 1
         elsewhere = _gains(power[away], freedom, q[away], share, q.mean()).sum()
         follows = elsewhere > _ELSEWHERE and most is not None and most < 1
         return candidate if follows else None
 
-    def _source(self, view: View) -> Array:
-        """Return the mean squares of the blocks of what it follows."""
-        return next(
+    def _followed(self, view: View) -> tuple[Array, Array, float]:
+        """Return the power of the blocks, that of what it follows, and the freedom of a block."""
+        squares, size, kept = _squares(view)
+        motion = next(
             q
-            for source, level, q in _sources(view, _block_rows(view))
+            for source, level, q in _sources(view, size)
             if source == self.source.value and level == self.of_the_level
         )
+        power = _power(squares, motion[kept])
+        return power, motion[kept], _freedom(power, size, motion[kept], self.share.value)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Fit every second stretch of the record, and judge by those between.
@@ -191,11 +193,8 @@ class AmplitudeCoupling(EffectKind):
         Where few stretches hold most of the gain their scatter would be the gain itself: the error
         is what noise moves a gain by.
         """
-        squares, size, kept = _squares(view)
-        q = self._source(view)[kept]
-        power, stretch = _power(squares, q), _stretches(len(q))
-        freedom = _freedom(power, size, q, self.share.value)
-        gained = np.zeros(len(power))
+        power, q, freedom = self._followed(view)
+        gained, stretch = np.zeros(len(power)), _stretches(len(power))
         for fold in (0, 1):
             train = stretch % 2 == fold
             share = _fit(power[train], q[train], q.mean())

@@ -130,8 +130,9 @@ def least_nonnegative(design: Array, wanted: Array) -> Array:
 @cache
 def _of_scipy(name: str, module: str) -> Callable[..., Any]:
     """Return an optimiser from its own module."""
+    found: Callable[..., Any]
     try:
-        own = import_module(f"scipy.optimize.{module}")
-        return getattr(own, name)  # type: ignore[no-any-return]
+        found = getattr(import_module(f"scipy.optimize.{module}"), name)
     except (ImportError, AttributeError):  # it is the package that is promised
-        return getattr(import_module("scipy.optimize"), name)  # type: ignore[no-any-return]
+        found = getattr(import_module("scipy.optimize"), name)
+    return found

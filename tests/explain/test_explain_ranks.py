@@ -172,6 +172,14 @@ def test_noise_that_is_little_louder_has_borders_as_vague_as_its_levels():
     assert 0.945 < np.mean(held) < 0.965
 
 
+@pytest.mark.parametrize("is_start", [True, False])
+def test_a_border_near_an_end_of_the_record_is_known_where_the_interval_goes_to_the_other(is_start):
+    view = view_of(np.random.default_rng(43).standard_normal(3120))
+    found = (20.0, 2, 390, 1.2) if is_start else (20.0, 0, 388, 1.2)
+    instant = variance_change._border(view, view.innovations, found, 8, 8.0, is_start=is_start)
+    assert 0.0 <= instant.lower < instant.value < instant.upper <= 3120 / RATE
+
+
 def test_the_time_constant_of_a_relaxation_is_as_well_known_as_is_said():
     """It and the random walk beside it are known from the same few ordinates."""
     rng, n, ranks = np.random.default_rng(36), 2048, []

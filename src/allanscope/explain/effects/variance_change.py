@@ -275,10 +275,11 @@ def _border(
     reach = int((1 + _REACH / max(contrast, 1e-3)) * size)
     first, last = first * size, last * size
     within = (last - first) // 2
+    # An interval that is the whole record leaves nothing of the other level.
     if is_start:
-        low, high = max(0, first - reach), first + min(reach, within)
+        low, high = max(int(last == len(rows)), first - reach), first + min(reach, within)
     else:
-        low, high = last - min(reach, within), min(len(rows), last + reach)
+        low, high = last - min(reach, within), min(len(rows) - int(first == 0), last + reach)
     total = np.concatenate([[0.0], np.cumsum(np.minimum(rows**2, _CAP))])
     border, weight = np.arange(low, high + 1, dtype=np.int64), freedom / size
     begin, end = (border, last) if is_start else (first, border)

@@ -299,6 +299,21 @@ def test_a_time_without_a_unit_goes_by_its_steps(step: float, unit: str, seconds
     assert np.diff(block.ticks.device_s) == pytest.approx(np.full(39, seconds))
 
 
+@pytest.mark.parametrize(
+    ("first", "step", "unit"),
+    [
+        (1746835168, 0.25, "s"),
+        (1746835168000, 12, "ms"),
+        (1746835168, 9600, "us"),
+    ],
+)
+def test_a_time_that_is_a_date_has_the_unit_of_the_date(first: int, step: float, unit: str) -> None:
+    """Whole seconds stand still for some rows; a clock of half an hour in us is no date."""
+    rows = "".join(f"{first + int(step * i)},0.5,0.5,0.5\n" for i in range(80))
+    events = _decode("t,gx[dps],gy[dps],gz[dps]\n" + rows)
+    assert f"the text gives no unit of time: {unit} assumed" in _remarks(events)
+
+
 def test_times_temperatures_and_rate_come_along() -> None:
     rows = "".join(f"{0.02 * i:.2f},0.5,0.5,0.5,{25 + i}\n" for i in range(40))
     info, block = _decode("t[s],gx[dps],gy[dps],gz[dps],temp[degC]\n" + rows)

@@ -40,6 +40,10 @@ __all__ = ["TextInterpreter"]
 
 _SHORT = {"time": "t", "temperature": "temp"}
 _USUAL = {"gyro": "dps", "accel": "g"}
+_CENTURY_S = (946684800.0, 4102444800.0)
+"""The years 2000 and 2100, in s since 1970."""
+_LONGEST_PERIOD_S = 10.0
+"""Mean time between rows that count as one record."""
 _LONGEST_MS = 150
 """Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz), and by more
 than as many thousands ns."""
@@ -267,7 +271,7 @@ class TextInterpreter:
         times = np.array([row.device_s for row in rows])
         steps = np.abs(np.diff(times[np.isfinite(times)]))
         unit = "s"
-        if _whole(times) and len(steps):
+        if _whole(times) and len(steps) and not _are_dates(times):
             step = float(np.median(steps))
             unit = "ms" if step < _LONGEST_MS else "us" if step < 1e3 * _LONGEST_MS else "ns"
         remarks.append(f"the text gives no unit of time: {unit} assumed")
@@ -319,6 +323,25 @@ def _goes_back(rows: list[Row]) -> bool:
 
 def _spelt(unit: str) -> str:
     return unit.replace("m/s2", "m/s^2")
+
+
+def _are_dates(times: Values) -> bool:
+    """Return whether times are seconds since 1970, in this century.
+
+    A clock in microseconds passes there half an hour after it began, but by hours a row. Finer
+    units of a date go by their steps, as all others.
+
+    >>> _are_dates(np.array([1746835168.0, 1746835168.0, 1746835169.0]))
+    True
+    >>> _are_dates(np.array([1746835168.0, 1746845168.0]))
+    False
+    """
+    there = times[np.isfinite(times)]
+    if not len(there):
+        return False
+    low, high = float(there.min()), float(there.max())
+    is_recent = _CENTURY_S[0] < low and high < _CENTURY_S[1]
+    return is_recent and high - low < _LONGEST_PERIOD_S * len(there)
 
 
 def _whole(values: Values) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import os
+import re
 import signal
 import sys
 import time
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 
 from allanscope.errors import UsageError
-from allanscope.worker_process import WorkerError, WorkerProcess
+from allanscope.median import median
+from allanscope.worker_process import WorkerError, WorkerProcess, place_of
 
 REFUSING = """
 from allanscope.errors import UsageError
@@ -60,6 +62,9 @@ def test_an_error_there_is_raised_here_and_the_next_call_is_answered():
             worker.call(exec, REFUSING)
         with pytest.raises(RuntimeError, match="Odd: three"):
             worker.call(exec, ODD)
+        with pytest.raises(TypeError) as raised:
+            worker.call(median, None)
+        assert re.fullmatch(r"median\.py:\d+", place_of(raised.value))
         assert worker.call(operator.add, 1, 2) == 3
 
 

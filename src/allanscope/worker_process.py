@@ -25,15 +25,17 @@ import subprocess
 import sys
 import tempfile
 import threading
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, ParamSpec, Self, TypeVar
 
 from allanscope.lazy import defer_unused
 
-__all__ = ["KEPT_BYTES", "REUSED_BYTES", "SEARCH", "WorkerError", "WorkerProcess"]
+__all__ = ["KEPT_BYTES", "REUSED_BYTES", "SEARCH", "WorkerError", "WorkerProcess", "place_of"]
 
 SEARCH = "allanscope.analysis.summary allanscope.explain.loop"
 """Modules that a process which searches for effects loads before it is asked."""
@@ -220,11 +222,28 @@ def _load(pipe: Any, shared: list[object]) -> Any:
     return _Unpickler(pipe, shared).load()
 
 
+def place_of(error: BaseException) -> str:
+    """Return where in this package an error happened, in this process or the one that was asked.
+
+    >>> place_of(ValueError("never raised"))
+    ''
+    """
+    if places := getattr(error, "__notes__", ()):
+        return str(places[-1])
+    here = Path(__file__).parent.name
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if here in Path(frame.filename).parts]
+    return f"{Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else ""
+
+
 def _picklable(error: Exception) -> Exception:
+    """Return an error that can be sent, with the place where it happened as a note."""
+    place = place_of(error)
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
+        error = RuntimeError(f"{type(error).__name__}: {error}")
+    error.add_note(place)
     return error
 
 

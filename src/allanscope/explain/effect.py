@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from allanscope.noise import Coefficient
 from allanscope.quantities import TWO_SIDED_95, measured
+from allanscope.worker_process import place_of
 
 if TYPE_CHECKING:  # both bring scipy along, which whoever reads a result can do without
     from allanscope.explain.effects import EffectKind
@@ -284,15 +283,8 @@ def failure_text(error: Exception) -> str:
     """
     words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
     words = words if len(words) <= _LONGEST else words[: _LONGEST - 1] + "…"
-    return words + _place(error)
-
-
-def _place(error: Exception) -> str:
-    """Return where in this package it happened, for whoever gets the report."""
-    here = Path(__file__).parent.parent.name
-    frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if here in Path(frame.filename).parts]
-    return f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
+    place = place_of(error)
+    return f"{words} ({place})" if place else words
 
 
 def failed(error: Exception) -> AxisExplanation:

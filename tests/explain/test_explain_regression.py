@@ -1,11 +1,15 @@
 """Signals of which the size is fitted together with the noise."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from scipy.fft import dct
 
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.excursion import Excursion
+from allanscope.explain.effects.relaxation import Relaxation
+from allanscope.explain.effects.step import Step
 from allanscope.explain.regression import joint_fit, relaxing_ordinates, step_ordinates
 from allanscope.explain.series import series_of
 from allanscope.explain.slow_waves import SlowWaves
@@ -33,6 +37,18 @@ def test_one_signal_is_fitted_by_the_loop_as_several_are(excluded: tuple) -> Non
     assert one.powers == pytest.approx(both.powers, rel=1e-6)
     assert one.power == pytest.approx(both.power, rel=1e-9)
     assert abs(one.amplitude[0] - 0.003) < 4 * np.sqrt(one.covariance[0, 0])
+
+
+@pytest.mark.parametrize("kind", [Step, Excursion, Relaxation])
+def test_a_jump_is_estimated_again_where_its_frequencies_are_cut_out(kind: type) -> None:
+    """A range without a name may grow over them; its size is then unknown, not an error."""
+    values = np.random.default_rng(3).normal(0, 0.02, ROWS) + 0.01 * (np.arange(ROWS) > 20_000)
+    view = View.of(series_of(thinned(values[:, np.newaxis])), "gx", None)
+    given = {"time": 200.0, "size": 0.01, "duration": 30.0, "time_constant": 10.0, "lasting": 0.004}
+    wanted = {field.name for field in fields(kind)}
+    jump = kind(**{name: Estimate(value) for name, value in given.items() if name in wanted})
+    found = jump.refine(view.without_range(0.0, RATE / 4))
+    assert found is None or found.finished().effect.size.value == 0.0
 
 
 @pytest.mark.parametrize("at", [0, 1, 4001, 8999])

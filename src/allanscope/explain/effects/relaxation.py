@@ -143,7 +143,7 @@ class Relaxation(Jump):
         longest = _LONGEST * view.series.duration_s
         tc = float(np.clip(self.time_constant.value * np.exp(move), _SHORTEST_S, longest))
         error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        if abs(creep) < _CREEPS * error[1]:
+        if abs(creep) <= _CREEPS * error[1]:
             step = Step(self.time, self.size)
             return step.solved(view, candidate, amplitude[:1], covariance[:1, :1])
         both = covariance[0, 0] + covariance[1, 1] + 2.0 * covariance[0, 1]
@@ -177,7 +177,7 @@ class Relaxation(Jump):
         fit = joint_fit(view, columns[:2])
         covariance = marginal_covariance(view, columns, joint_fit(view, columns))
         amplitude = np.append(fit.amplitude, 0.0)
-        if abs(amplitude[1]) < _CREEPS * float(np.sqrt(covariance[1, 1])):
+        if abs(amplitude[1]) <= _CREEPS * float(np.sqrt(covariance[1, 1])):  # 0, too
             return None
         time = instant_before(row, ends, rate)
         searched = cls.looked_at(view) + float(np.log(_BANK))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,27 @@ def test_a_rising_floor_leaves_n_where_it_is_read():
     assert fitted(part).model.value("N") > 1.5 * 4e-3
     fit = with_remainder(fitted(part), (part,))
     assert fit.model.value("N") == pytest.approx(4e-3, rel=0.03)
+
+
+def test_a_line_within_it_is_what_is_left_of_the_power_that_was_measured():
+    rng = np.random.default_rng(5)
+    f = GRID.centre
+    shelf = np.where((f > 15) & (f < 30), 1.2, 1.0)
+    line = LineProfile(0.04, 17.0, 24.0, (0.1, 0.3, 0.4, 0.2))
+    part = evidence(rng, shelf, line)
+    noise = 0.2 * MODEL.density((line.edges[1:] + line.edges[:-1]) / 2)
+    measured = line.with_more(noise)  # over noise that is without the shelf
+    bare = fitted(evidence(rng))
+    bare = replace(bare, model=bare.model.plus(measured))
+    fit = with_remainder(bare, (part,))
+    expected = fit.likelihood.expected(fit.model)
+    true = sum(GRID.column(one) for one in MODEL) * shelf + GRID.column(line)
+    inside = (f > 17.5) & (f < 23.5)
+    np.testing.assert_allclose(expected[inside] / true[inside], 1.0, atol=0.03)
+    found = fit.model.get("drifting_line")
+    assert isinstance(found, LineProfile)
+    assert found.sigma == pytest.approx(0.04, rel=0.02)
+    np.testing.assert_allclose(found.shares, line.shares, atol=0.03)
 
 
 def test_a_line_with_its_profile_is_not_part_of_it():

@@ -32,10 +32,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from allanscope.compiled import Pointer, kernel
-from allanscope.noise.components import White
+from allanscope.noise.components import Component, LineProfile, White
 from allanscope.noise.evidence import Evidence
 from allanscope.noise.filters import Remainder
 from allanscope.noise.likelihood import Fit, Likelihood
+from allanscope.noise.model import NoiseModel
 
 __all__ = ["Smooth", "smooth_log_ratio", "with_remainder"]
 
@@ -111,8 +112,28 @@ def with_remainder(fit: Fit, evidence: Sequence[Evidence]) -> Fit:
         level, error = _level(smooth, fit, frequency, dof)
         gain = smooth.value - level
         found = Remainder(tuple(smooth.frequency.tolist()), tuple(gain.tolist()), error)
-        fit = likelihood.amplitudes(bare.model.plus(found))
+        fit = likelihood.amplitudes(_remeasured(fit.model, bare.model, found))
     return fit
+
+
+def _remeasured(model: NoiseModel, bare: NoiseModel, found: Remainder) -> NoiseModel:
+    """Return the bare model with a remainder, and its measured lines beside that.
+
+    A line has the power that was measured over the noise in its band. Where the remainder is there
+    is more noise, or less, so that the line is what is left of as much as there was.
+    """
+    beside = replace(model, filters=tuple(f for f in model.filters if f.symbol != found.symbol))
+    beside = beside.plus(found)
+
+    def line(component: Component) -> Component:
+        if not isinstance(component, LineProfile):
+            return component
+        centre = (component.edges[:-1] + component.edges[1:]) / 2
+        noise = [m.without(component.symbol).density(centre) for m in (bare, beside)]
+        return component.with_more(noise[0] - noise[1])
+
+    with_found = bare.plus(found)
+    return replace(with_found, components=tuple(line(c) for c in with_found))
 
 
 def _level(smooth: Smooth, fit: Fit, frequency: Array, dof: Array) -> tuple[float, float]:

@@ -13,7 +13,8 @@ size: a fit would make it larger or smaller to please the noise around the line.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -80,6 +81,15 @@ class LineProfile(Component):
         """Return the ends of the sub-bands."""
         del dt
         return tuple(self.edges.tolist())
+
+    def with_more(self, density: Array) -> LineProfile:
+        """Return the line with more density in each sub-band, or less, but never below none."""
+        width = (self.high - self.low) / len(self.shares)
+        power = np.maximum(self.sigma**2 * np.array(self.shares) + density * width, 0.0)
+        total = float(power.sum())
+        if total == 0.0:
+            return self
+        return replace(self, sigma=math.sqrt(total), shares=tuple((power / total).tolist()))
 
     def density(self, f: ArrayLike, dt: float) -> Array:
         """Return the one-sided density, which is constant in each sub-band."""

@@ -1,5 +1,6 @@
 """Signals of which the size is fitted together with the noise."""
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from scipy.fft import dct
 
 from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import gauss_markov, power_law
 from allanscope.explain.effects.excursion import Excursion
 from allanscope.explain.effects.relaxation import Relaxation
 from allanscope.explain.effects.step import Step
@@ -49,6 +51,16 @@ def test_a_jump_is_estimated_again_where_its_frequencies_are_cut_out(kind: type)
     jump = kind(**{name: Estimate(value) for name, value in given.items() if name in wanted})
     found = jump.refine(view.without_range(0.0, RATE / 4))
     assert found is None or found.finished().effect.size.value == 0.0
+
+
+@pytest.mark.parametrize("fit", [gauss_markov._candidate, power_law._candidate])
+def test_a_process_of_no_size_gains_nothing(fit: Callable) -> None:
+    """Beside it the noise is fitted again, which is no gain of the process."""
+    values = np.diff(np.random.default_rng(5).normal(0, 0.02, ROWS + 1))  # rises with frequency
+    view = View.of(series_of(thinned(values[:, np.newaxis])), "gx", None)
+    found = fit(view, 0.5, 1.5)
+    assert found.finished() is found
+    assert found.gain == 0.0
 
 
 @pytest.mark.parametrize("at", [0, 1, 4001, 8999])

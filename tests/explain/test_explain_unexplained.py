@@ -11,7 +11,7 @@ from scipy.signal import butter, lfilter
 
 from allanscope.explain import Budget, LiveLoop, explain
 from allanscope.explain.effects import KINDS
-from allanscope.explain.effects.unexplained import DEGREE, _polynomials
+from allanscope.explain.effects.unexplained import DEGREE, _extent, _polynomials
 from allanscope.explain.residual import band_scores
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
@@ -261,3 +261,14 @@ def test_a_slow_chirp_does_not_hop(bench):
     sweep = 0.03 * np.sin(2 * np.pi * (0.2 * b.t + 0.01 * b.t**2 / b.t[-1]))
     hops_only = Budget(kinds=frozenset({"random_telegraph"}))
     assert explain(b.record(b.noise() + sweep), budget=hops_only).axes["gx"].effects == ()
+
+
+@pytest.mark.parametrize("size", [50_000, 1_000_000])
+def test_a_tone_ends_where_the_model_misses_little(size: int) -> None:
+    """The more ordinates, the less is an error of the model by chance; it is no tone for that."""
+    squares = 1.09 * np.random.default_rng(8).chisquare(1, size)
+    tone = slice(int(0.20 * size), int(0.21 * size))
+    squares[tone] *= 8
+    low, high = _extent(squares, 0.204 * size, 0.206 * size, 1.0)
+    assert 0.18 * size < low <= tone.start + 1
+    assert tone.stop <= high < 0.24 * size

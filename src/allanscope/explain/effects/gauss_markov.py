@@ -136,7 +136,9 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     )
     tc = float(np.exp(best))
     fit = view.spectrum_with(Process(1.0, tc))
-    sigma, gain = float(np.sqrt(fit.model.components[-1].power)), fit.loglik - view.spectrum.loglik
+    sigma = float(np.sqrt(fit.model.components[-1].power))
+    # Without a process the refit may still find a better mixture of N, B and K: not its gain.
+    gain = fit.loglik - view.spectrum.loglik if sigma > 0 else 0.0
     # Two levels can be told from a bell only where a dwell stands out of the noise within it.
     noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
     signal = 2 * tc * sigma**2 / max(noise, 1e-300)
@@ -147,7 +149,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
         float(np.log(12)),
         parts=(Process(1.0, tc),),
         rivals={"random_telegraph": gain} if signal < _TELLING else {},
-        finish=lambda: (_with_intervals(view, fit, effect), None),
+        finish=(lambda: (_with_intervals(view, fit, effect), None)) if sigma > 0 else None,
     )
 
 

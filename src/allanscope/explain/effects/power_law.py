@@ -147,14 +147,15 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     fit = view.spectrum_with(Process(1.0, exponent))
     density = float(np.sqrt(fit.model.components[-1].power))
     effect = PowerLaw(Estimate(exponent), Estimate(density, unit=f"{view.unit}/sqrt(Hz)"))
-    ended = exponent < _AT_THE_END * _LEAST
+    is_there = density > 0
+    ended = exponent < _AT_THE_END * _LEAST or not is_there
     gain = 0.0 if ended else fit.loglik - view.spectrum.loglik
     return Candidate(
         effect,
         gain,
         _PRICE,
         parts=(Process(1.0, exponent),),
-        finish=lambda: (_with_intervals(view, fit, effect), None),
+        finish=(lambda: (_with_intervals(view, fit, effect), None)) if is_there else None,
     )
 
 

@@ -57,6 +57,8 @@ _OF_A_DRIFT = 0.03
 """Share of the gain of a drift without a name up to which a change of the level is left of it."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
+_LEVEL = 0.05
+"""Excess that a model may miss beside a tone: of many ordinates the error is smaller."""
 _MOST = 0.4
 """Share of the spectrum beyond which what is cut out has no end."""
 _LOWEST = 8
@@ -337,9 +339,10 @@ def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float
         # Farther away there may be others: the median does not see them, the mean would reach them.
         return (
             loud.max() < _LOUD
-            and near.mean() < 1 + 4 * np.sqrt(2 / len(near))
+            and near.mean() < 1 + max(4 * np.sqrt(2 / len(near)), _LEVEL)
             and all(
-                np.median(side) < CHI_SQUARE_MEDIAN + 4 * _OF_THE_MEDIAN / np.sqrt(len(side))
+                np.median(side)
+                < CHI_SQUARE_MEDIAN + max(4 * _OF_THE_MEDIAN / np.sqrt(len(side)), _LEVEL)
                 for side in far
             )
         )

@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
-from allanscope.explain.effects.shock import _tail
+from allanscope.explain.effects.shock import _quiet, _tail
 from allanscope.explain.heldout import _contradiction
 from allanscope.explain.shock_rows import _running_median, find_shock_rows
 
@@ -22,6 +22,13 @@ def ringing(t, peak, at=AT_S, lasts=LASTS_S):
     """Return a decaying oscillation of six cycles."""
     late = np.maximum(t - at, 0.0) / lasts
     return peak * np.exp(-4.6 * late) * np.sin(2 * np.pi * 6 * late) * (t >= at)
+
+
+def coarse(seed, jump):
+    """Return rows in steps of 1, their time, and a level halfway between two that jumps at 15 s."""
+    t = np.arange(28_800) / 960.0
+    noise = np.random.default_rng(seed).normal(20.5, 2.8, len(t))
+    return np.round(noise + jump * (t > 15.0)), t
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +70,37 @@ def test_beside_it_stands_the_level_that_it_leaves_and_nothing_else(knocked):
 def test_the_error_of_the_step_is_below_its_gain(knocked):
     evidence = knocked.axes["gx"].effects[1].evidence
     assert evidence["held_out_nats"] > 3 * evidence["held_out_nats_se"]
+
+
+def test_levels_beside_a_shock_are_finer_than_a_step_of_the_values():
+    """Of the medians one was 20 and the other 21: steps of 1 within every third shock."""
+    first, stop, error = 14_000, 15_920, 2.8 * np.sqrt(1.19 / 1920)
+    ends = []
+    for seed in range(50):
+        _, level = _quiet(coarse(seed, 0.0)[0], first, stop, 2.8)
+        ends.append((level[0], level[-1]))
+    assert np.std(ends) == pytest.approx(error, rel=0.2)
+    assert np.mean(ends) == pytest.approx(20.5, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", [642, 645, 646])
+def test_the_step_with_a_shock_has_its_size_in_coarse_values(bench, seed):
+    """It was up to 1.4 steps of the values where it is 1."""
+    rows, t = coarse(seed, 1.0)
+    ring = 60 * np.exp(-(t - 15.0) / 0.4) * np.cos(2 * np.pi * 144 * (t - 15.0)) * (t >= 15.0)
+    record = bench(seed, 1.0).record(np.zeros(52), lsb=1.0)
+    values = np.round(rows + ring)[:, np.newaxis]
+    record = replace(
+        record,
+        rate_hz=960.0,
+        values=values,
+        temperature_c=np.full(len(t), np.nan),
+        start_s=t,
+        segments=np.array([[0, len(t)]], np.int64),
+    )
+    shock, step = explain(record).axes["gx"].effects
+    assert (shock.kind, step.kind) == ("shock", "step")
+    assert step.parameters["size"].value == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_shock_of_a_fiftieth_of_a_second_is_no_steps(bench):

@@ -16,7 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Minimum", "least_nonnegative", "minimise", "minimise_between", "root_between"]
+__all__ = [
+    "Minimum",
+    "descend",
+    "least_nonnegative",
+    "minimise",
+    "minimise_between",
+    "root_between",
+]
 
 Array = NDArray[np.float64]
 
@@ -79,6 +86,31 @@ def minimise(
         },
     )  # fmt: skip
     return Minimum(np.asarray(found.x), float(found.fun), bool(found.success))
+
+
+def descend(loss: Callable[[Array], float], first: Array, *, step: float, within: float) -> Array:
+    """Return the minimum downhill from a point (Byrd et al., SIAM J. Sci. Comput. 16, 1995).
+
+    Parameters
+    ----------
+    loss : callable
+        Of an array, shape (k,).
+    first : ndarray, shape (k,)
+        Where to begin.
+    step : float
+        Over which slopes are taken.
+    within : float
+        Change of the loss, as a share of it, at which it ends.
+
+    Examples
+    --------
+    >>> valley = lambda p: 1 + (p[0] - 1) ** 2 + 3 * (p[1] + 2) ** 2
+    >>> descend(valley, np.zeros(2), step=1e-5, within=1e-9).round(3).tolist()
+    [1.0, -2.0]
+    """
+    minimize = _of_scipy("minimize", "_minimize")
+    options = {"eps": step, "ftol": within}
+    return np.asarray(minimize(loss, first, method="L-BFGS-B", options=options).x)
 
 
 def minimise_between(

@@ -45,7 +45,7 @@ from allanscope.noise.components import Narrowband as Resonance
 from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
-from allanscope.optimise import minimise
+from allanscope.optimise import descend, minimise
 
 Array = NDArray[np.float64]
 Shape = Callable[[float, float], Component]
@@ -528,8 +528,6 @@ def _shape_of(part: Component) -> Shape:
 
 def _descend(window: _Window, start: Array, width: float) -> Array:
     """Return the least loss downhill from a point."""
-    from scipy.optimize import minimize  # much to load, and few records have a band to split
-
     scale = np.ones(len(start))
     scale[2::3] = width
 
@@ -538,8 +536,7 @@ def _descend(window: _Window, start: Array, width: float) -> Array:
     def loss(x: Array) -> float:
         return window.loss(x * scale) - least
 
-    found = minimize(loss, start / scale, method="L-BFGS-B", options={"eps": 1e-5, "ftol": 1e-7})
-    return np.asarray(found.x * scale)
+    return descend(loss, start / scale, step=1e-5, within=1e-7) * scale
 
 
 def _errors(loss: Callable[[Array], float], at: Array) -> Array:

@@ -22,6 +22,7 @@ from allanscope.explain.view import View
 from allanscope.history import History, Record
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components.correlated import ExponentialCovariance
+from allanscope.noise.grid import Grid
 from allanscope.noise.remainder import smooth_log_ratio
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral
@@ -165,6 +166,9 @@ def covariances() -> None:
     for n in (0, 1, 7, 1000):
         covariance.spectrum(np.linspace(0, np.pi, n))
         covariance.ordinates(np.arange(n), 1000)
+    for rows in (3, 130, 20_001):
+        grid = Grid(rows, 100.0)
+        grid.interpolate(np.linspace(0.0, 1.0, len(grid.nodes)))
 
 
 def series() -> None:

@@ -1,4 +1,4 @@
-/* Spectra of noise whose autocovariance is a sum of exponentials:
+/* Spectra at many frequencies. Of noise whose autocovariance is a sum of exponentials:
    `noise/components/correlated.py`. A pole p of amplitude a has the rate e = -ln p; `gap` is
    2 sinh^2(e / 2), so that gap + 2 sin^2(w / 2) = cosh e - cos w. */
 
@@ -53,4 +53,23 @@ KERNEL(double, pole_misfit)
         total += own;
     }
     return sum_of(total);
+}
+
+/* Numbers at 1, 2, ... n, of which the logarithm is linear between so many nodes: `noise/grid.py`. */
+KERNEL(void, between_logarithms)
+(const double *nodes, const double *logarithms, int64_t count, int64_t n, double *found) {
+    enum { AGAIN = 64 };
+    int64_t k = 1;
+    for (int64_t j = 0; j + 1 < count; j++) {
+        double slope = (logarithms[j + 1] - logarithms[j]) / (nodes[j + 1] - nodes[j]);
+        double ratio = exp(slope), value = 0.0;
+        for (int64_t left = 0; k <= n && (double)k <= nodes[j + 1]; k++, left--) {
+            if (left == 0) { /* rounding does not build up */
+                value = exp(logarithms[j] + slope * ((double)k - nodes[j]));
+                left = AGAIN;
+            }
+            found[k - 1] = value;
+            value *= ratio;
+        }
+    }
 }

@@ -110,11 +110,13 @@ class Spectrum:
     def _sum(self, components: Iterable[Component], of: Evaluation, frequency: Array) -> Array:
         total, floor = np.zeros_like(frequency), np.zeros_like(frequency)
         zeros = any(one.has_zeros for one in self.model.filters)
+        passed = _response_at(self.model, frequency)
         for component in components:
             part = of(component)
             if zeros:
                 floor += _DARK * part
-            total += self.model.passed(component, part, frequency)
+            filters = self.model.filters_on(component)
+            total += part * passed(filters) if filters else part
         return np.maximum(total, floor)
 
     @once
@@ -136,7 +138,7 @@ class Spectrum:
         )
         for component in self.model:
             if component.is_narrow:
-                total += component.spectrum(grid.frequency, grid.dt, grid.stride)
+                total += grid.everywhere(component)
         return total
 
     @once
@@ -157,6 +159,22 @@ class Spectrum:
         """Log-likelihood of other binned power (mean square ordinates) under this spectrum."""
         dof, expected = self.fit.likelihood.dof, self.fit.expected
         return float(-0.5 * np.sum(dof * (np.log(expected) + power / expected)))
+
+
+def _response_at(
+    model: NoiseModel, frequency: Array
+) -> Callable[[tuple[Filter, ...]], Array | np.float64]:
+    """Return the response of filters at some frequencies: most components pass the same ones."""
+
+    @cache
+    def response(one: Filter) -> Array:
+        return one.response(frequency, model.dt)
+
+    @cache
+    def passed(filters: tuple[Filter, ...]) -> Array | np.float64:
+        return combined_response(filters, model.dt, response)
+
+    return passed
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,11 +290,12 @@ class SpectrumFitter:
         The shapes are (grid.low,) and (p, grid.low).
         """
         grid, model = self.grid, self.basis.model
-        frequency = grid.frequency[: grid.low]
+        passed = _response_at(model, grid.frequency[: grid.low])
         fixed, columns = np.zeros(grid.low), []
         for component, is_free in zip(model, self.basis.free, strict=True):
             one = component.with_power(1.0) if is_free else component
-            part = model.passed(one, grid.first(one, grid.low), frequency)
+            part, filters = grid.first(one, grid.low), model.filters_on(component)
+            part = part * passed(filters) if filters else part
             if is_free:
                 columns.append(part)
             else:

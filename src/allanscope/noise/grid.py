@@ -15,7 +15,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.lazy import once
+from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.part import Component, Filter
 
 __all__ = ["Grid", "Ranges", "grid_of"]
@@ -23,6 +25,12 @@ __all__ = ["Grid", "Ranges", "grid_of"]
 Array = NDArray[np.float64]
 Ranges = tuple[tuple[float, float], ...]
 """Frequencies in Hz from and to which ordinates are left out of a fit."""
+
+_between = kernel(
+    "between_logarithms",
+    *(Pointer(np.float64, 1), Pointer(np.float64, 1), int, int),
+    Pointer(np.float64, 1, written=True),
+)
 
 _LOW = 8192
 """Ordinates kept one by one for slow regressors: what is slow has no power beyond."""
@@ -157,9 +165,20 @@ class Grid:
 
     def interpolate(self, at_nodes: Array) -> Array:
         """Return every ordinate of something positive that is known at the nodes."""
-        k = np.arange(1.0, self.n)
-        logarithm = np.log(np.maximum(at_nodes, 1e-300))
-        return np.asarray(np.exp(np.interp(k, self.nodes, logarithm)))
+        logarithms, found = np.log(np.maximum(at_nodes, 1e-300)), np.empty(self.n - 1)
+        _between(self.nodes, logarithms, len(logarithms), self.n - 1, found)
+        return found
+
+    def everywhere(self, component: Component) -> Array:
+        """Return the mean square of every ordinate of a component, however narrow it is."""
+        if isinstance(component, Correlated):
+            return component.covariance(self.dt).averaged(self.stride).at(self.square)
+        return component.spectrum(self.frequency, self.dt, self.stride)
+
+    @once
+    def square(self) -> Array:
+        """2 sin^2 of half the phase from one row to the next in every ordinate."""
+        return np.asarray(2 * np.sin(np.arange(1, self.n) * (np.pi / (2 * self.n))) ** 2)
 
 
 @lru_cache(maxsize=16)
@@ -213,10 +232,15 @@ def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) 
 @lru_cache(maxsize=128)
 def _response(grid: Grid, low_pass: Filter) -> Array:
     if low_pass.has_ripples:
-        return grid.bin_means(low_pass.response(grid.frequency, grid.dt))
+        return _rippled(grid, low_pass)
     nodes = _bin_nodes(grid) * (grid.rate_hz / (2 * grid.n))
     values = low_pass.response(nodes.ravel(), grid.dt).reshape(nodes.shape)
     return np.asarray(_SIMPSON @ values)
+
+
+@lru_cache(maxsize=128)  # of every ordinate: a search asks for the same few again and again
+def _rippled(grid: Grid, low_pass: Filter) -> Array:
+    return grid.bin_means(low_pass.response(grid.frequency, grid.dt))
 
 
 @lru_cache(maxsize=64)

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _CUTOFF = Quantity("cutoff", "Hz", "shape", 1e-6, 1e7)
 _ORDER = Quantity("order", "", "shape", 0.1, 20.0)
 """Ranges of cutoff and order: those of any sensor."""
-_ALIASES = np.arange(-8, 9)[:, np.newaxis]
+_ALIASES = np.arange(-8, 9)
 """Multiples of the rate from which an average leaves something in the band."""
 _DARKEST = 1e-5
 """Least response at a zero: the ends of a record leak into it."""
@@ -109,11 +109,12 @@ class Averaging(LowPass):
         The sine of an alias is that of a sum of angles: two sines a frequency are enough for all.
         """
         angle = np.pi * self.span_s * np.append(np.asarray(f, np.float64), 0.0)
-        turn = np.pi * self.span_s / dt * _ALIASES
-        at = angle + turn
-        sine = np.sin(angle) * np.cos(turn) + np.cos(angle) * np.sin(turn)
-        passed = np.divide(sine, at, out=np.ones_like(at), where=at != 0.0)
-        folded = ((passed * passed) ** self.order).sum(axis=0)
+        own_sine, own_cosine, folded = np.sin(angle), np.cos(angle), np.zeros_like(angle)
+        for turn in (np.pi * self.span_s / dt * _ALIASES).tolist():  # all at once would not be near
+            at = angle + turn
+            sine = own_sine * np.cos(turn) + own_cosine * np.sin(turn)
+            passed = np.divide(sine, at, out=np.ones_like(at), where=at != 0.0)
+            folded += (passed * passed) ** self.order
         return np.asarray(folded[:-1] / folded[-1])
 
 

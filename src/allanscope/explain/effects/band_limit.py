@@ -13,7 +13,7 @@ noise). It enters the model as a factor on the white noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -60,6 +60,8 @@ _ORDERS = (1.0, 12.0)
 far below the cutoff, and raise N in return."""
 _SHAPELY = 300.0
 """Gain in nats from which an average can be told from the others."""
+_BEHIND = 30.0
+"""Nats by which a rough fit of a filter may be behind that of another to be followed."""
 _AS_WELL = 3.0
 """Nats within which two descriptions do as well."""
 _LITTLE = 0.3
@@ -217,11 +219,10 @@ def _starts(view: View) -> list[float]:
 
 def _best(view: View, cutoffs: list[float], floor: bool = True) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
-    fitted = [_fitted(view, family, cutoffs) for family in _FAMILIES]
-    loss, found = min(fitted, key=lambda one: one[0])
+    loss, found = _fitted(view, _FAMILIES, cutoffs)
     gain = -loss - view.spectrum.loglik
     if gain > _SHAPELY:
-        other, averaging = _fitted(view, _AVERAGING, [found.cutoff])
+        other, averaging = _fitted(view, (_AVERAGING,), [found.cutoff], loss)
         loss, found = min((loss, found), (other, averaging), key=lambda one: one[0])
     if gain > _RIPPLED:
         other, averaging = _over_rows(view, min(found.cutoff, _TOP * view.grid.rate_hz))
@@ -240,8 +241,7 @@ def _with_floor(view: View, cutoff: float, loss: float) -> Candidate | None:
     leaves nothing empty between them.
     """
     beside = view.with_parts(Floor(1.0))
-    fitted = [_fitted(beside, family, [cutoff, cutoff / 2]) for family in _FAMILIES]
-    other, found = min(fitted, key=lambda one: one[0])
+    other, found = _fitted(beside, _FAMILIES, [cutoff, cutoff / 2])
     more, alone = loss - other, -loss - view.spectrum.loglik
     one_pole = isinstance(found, OnePole) or found.values[1] < _POLES
     if more < _FLOOR_GAINS or (one_pole and more > _FAINT * alone):
@@ -285,18 +285,29 @@ def _over_rows(view: View, cutoff: float) -> tuple[float, LowPass]:
     return float(np.log(len(averages))) - view.loglik_with(best), best
 
 
-def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, LowPass]:
-    """Return the likeliest of a family, and what it loses; an order that is free costs a nat.
+def _fitted(
+    view: View, families: Sequence[_Family], cutoffs: list[float], least: float = np.inf
+) -> tuple[float, LowPass]:
+    """Return the likeliest of some families, and what it loses; an order that is free costs a nat.
 
-    One that is far from its penalty is not followed to the last digit.
+    What is far from its penalty, or from another (or from `least`), is not followed to the last
+    digit.
     """
-    loss = partial(family.loss, view)
-    first = min(family.starts(cutoffs), key=loss)
-    steps = 0.15 * np.eye(len(first))
-    found = minimise(loss, first, steps, x_within=0.05, within=0.5, turns=120)
-    if -found.value - view.spectrum.loglik > LOW_PASS_PENALTY / 2:
-        found = minimise(loss, first, steps, within=1e-3, turns=120)
-    return found.value + (1.0 if family.order is not None else 0.0), family.at(found.x)
+    trials = []
+    for family in families:
+        loss = partial(family.loss, view)
+        first = min(family.starts(cutoffs), key=loss)
+        steps = 0.15 * np.eye(len(first))
+        rough = minimise(loss, first, steps, x_within=0.05, within=0.5, turns=120)
+        exact = partial(minimise, loss, first, steps, within=1e-3, turns=120)
+        trials.append((family, rough, exact))
+    least = min(least, *(rough.value for _, rough, _ in trials))
+    most = min(least + _BEHIND, -view.spectrum.loglik - LOW_PASS_PENALTY / 2)
+    fitted = []
+    for family, rough, exact in trials:
+        found = exact() if rough.value < most else rough
+        fitted.append((found.value + (family.order is not None), family.at(found.x)))
+    return min(fitted, key=lambda one: one[0])
 
 
 def _candidate(view: View, low_pass: LowPass) -> Candidate:

@@ -165,6 +165,18 @@ def test_a_process_that_a_low_pass_takes_over_is_dropped(seed: int) -> None:
     assert left.spectrum.loglik > both.spectrum.loglik - process.penalty
 
 
+def test_what_is_known_of_data_stays_where_they_do() -> None:
+    view = view_of(noise(3) + line(7.0, 0.4))
+    squares, tone = view.squares, best_of(view, "sinusoid")
+    assert view.with_parts(OnePole(9.0)).without_range(3.0, 4.0).squares is squares
+    without_it = view.accept(tone)
+    assert without_it.squares is not squares
+    assert without_it.without(tone).squares is not without_it.squares
+    spectrum = without_it.spectrum
+    named = without_it.relisted(replace(c, rivals={"narrowband": 9.0}) for c in without_it.accepted)
+    assert named.spectrum is spectrum
+
+
 def test_a_process_and_a_low_pass_that_are_both_there_stay() -> None:
     slow = lfilter([0.2], [1, -np.exp(-1 / RATE)], noise(11))
     both, _ = with_process_and_low_pass(behind_low_pass(noise(1)) + slow, 0.3, 3.0)

@@ -117,7 +117,7 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
         if held is not None and (held.nats <= held.error or _is_refuted(candidate, held)):
             return None
         judged.append(replace(candidate, held_out=held))
-    return replace(view, accepted=tuple(judged))
+    return view.relisted(judged)
 
 
 def penalties(view: View, first: int) -> float:

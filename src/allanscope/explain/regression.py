@@ -395,7 +395,7 @@ def refit_jointly(view: View, fewest: int = 2) -> View:
     for candidate in found:
         grown = grown.accept(candidate)
     places = {id(old): new for old, new in zip(members, found, strict=True)}
-    return replace(grown, accepted=tuple(places.get(id(c), c) for c in view.accepted))
+    return grown.relisted(places.get(id(c), c) for c in view.accepted)
 
 
 def _columns(view: View, candidate: Candidate) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +40,8 @@ _MANY = 400
 """Ordinates in a bin whose mean is known to a few per cent."""
 _TRUSTED = 0.9
 """Below this part of q^2/12 the rounding is not white noise of its own."""
+_OF_THE_DATA = ("ordinates", "squares")
+"""What a view computes that depends on nothing but its data."""
 _HELD = 0.1
 """Share of repeated rows from which the rounding is as little white as what they repeat."""
 
@@ -253,13 +257,30 @@ class View:
         """Tell which ordinates of another axis are in a line or beside one."""
         return np.asarray(self.series.lines[self.series.column(axis)])
 
+    def changed(self, **changes: Any) -> View:
+        """Return the view with other fields, and with what is known of data that stay as they are.
+
+        Transforms are most of what a view costs, and most changes are of its model.
+        """
+        view = replace(self, **changes)
+        if view.data is self.data:
+            known = vars(self)
+            vars(view).update({name: known[name] for name in _OF_THE_DATA if name in known})
+        return view
+
+    def relisted(self, accepted: Iterable[Candidate]) -> View:
+        """Return the view with the same effects, in another order or with more known of them."""
+        view = replace(self, accepted=tuple(accepted))
+        vars(view).update(vars(self) | {"accepted": view.accepted})
+        return view
+
     def with_parts(self, *parts: Part) -> View:
         """Return the view with more stationary parts, to be fitted anew."""
-        return replace(self, parts=(*self.parts, *parts))
+        return self.changed(parts=(*self.parts, *parts))
 
     def without_range(self, low: float, high: float) -> View:
         """Return the view with a range of frequencies left out of the fit."""
-        return replace(self, excluded=(*self.excluded, (low, high)))
+        return self.changed(excluded=(*self.excluded, (low, high)))
 
     def leaves_too_little(self, candidate: Candidate) -> bool:
         """Return whether next to nothing is left to fit once its ranges or its signal are out too.
@@ -276,8 +297,7 @@ class View:
         """Return the view with one more effect."""
         candidate = candidate.finished()
         data = self.data if candidate.signal is None else self.data - candidate.signal
-        grown = replace(
-            self,
+        grown = self.changed(
             data=data,
             parts=self.parts + candidate.parts,
             excluded=self.excluded + candidate.excluded,
@@ -296,8 +316,7 @@ class View:
             excluded.update(candidate.excluded)
             if candidate.signal is not None:
                 data = data + candidate.signal
-        return replace(
-            self,
+        return self.changed(
             data=data,
             parts=tuple(p for p in self.parts if p not in parts),
             excluded=tuple(r for r in self.excluded if r not in excluded),

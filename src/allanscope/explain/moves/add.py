@@ -103,7 +103,7 @@ def with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> Vi
             rivals[rival.kind] = max(rival.gain, rivals.get(rival.kind, 0.0))
     if rivals == last.rivals:
         return view
-    return replace(view, accepted=(*view.accepted[:-1], replace(last, rivals=rivals)))
+    return view.relisted((*view.accepted[:-1], replace(last, rivals=rivals)))
 
 
 def add_pair(

@@ -30,7 +30,7 @@ def estimate_again(view: View, path: SearchPath) -> View:
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
         grown = bare.accept(again)
         order = [again if c is candidate else c for c in view.accepted]
-        view = replace(grown, accepted=tuple(order))
+        view = grown.relisted(order)
     return view
 
 

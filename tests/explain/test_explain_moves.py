@@ -29,6 +29,7 @@ from allanscope.explain.gates import (
 )
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves import add as moves_of_adding
+from allanscope.explain.moves import drop as moves_of_dropping
 from allanscope.explain.moves.add import add, add_bundle, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, drop_taken_over, refuse
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
@@ -163,6 +164,21 @@ def test_a_process_that_a_low_pass_takes_over_is_dropped(seed: int) -> None:
     left = drop_taken_over(both, SearchPath())
     assert [c.kind for c in left.accepted] == ["band_limit"]
     assert left.spectrum.loglik > both.spectrum.loglik - process.penalty
+
+
+def test_what_others_are_far_from_taking_over_is_not_asked_again(monkeypatch) -> None:
+    band = lfilter([1.0], [1.0, -1.6, 0.9], noise(5))
+    slow = lfilter([1.0], [1.0, -0.99], noise(6))
+    view = view_of(noise(4) + 0.3 * band / np.std(band) + 0.5 * slow / np.std(slow))
+    for kind in ("narrowband", "gauss_markov"):
+        view = view.accept(best_of(view, kind))
+    path = SearchPath()
+    assert drop_taken_over(view, path) is view
+    assert path.evaluations == 3  # of four: what the band takes of the slow noise is asked again
+    monkeypatch.setattr(moves_of_dropping, "_FAR", np.inf)
+    path = SearchPath()
+    assert drop_taken_over(view, path) is view
+    assert path.evaluations == 4
 
 
 def test_what_is_known_of_data_stays_where_they_do() -> None:

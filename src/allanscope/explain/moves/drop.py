@@ -22,8 +22,9 @@ _BEYOND_DOUBT = 1000.0
 _MOST_REFUSED, _SUSPECTS, _CERTAIN = 2, 3, 6
 """Most effects that are refused after all, and how many of small and of large gain are tried each
 time: each is a fit."""
-_ROUNDS = 2
-"""Turns in which the others are estimated again."""
+_ROUNDS, _FAR = 2, 10.0
+"""Turns in which the others are estimated again, and how many times what one has gained (and nats)
+may be missing after it for the next: that gains less."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 _ABSURD = np.log(100.0)
@@ -74,7 +75,12 @@ def drop_taken_over(view: View, path: SearchPath) -> View:
 def _taken_over(view: View, candidate: Candidate, path: SearchPath) -> View:
     bare = view.without(candidate)
     for _ in range(_ROUNDS):
+        before = bare.spectrum.loglik
         bare = estimate_again(bare, path)
+        gained = bare.spectrum.loglik - before
+        missing = view.spectrum.loglik - bare.spectrum.loglik - candidate.penalty
+        if missing > _FAR * max(gained, 1.0):
+            break
     return bare
 
 

@@ -16,9 +16,11 @@ from allanscope.watch.lines import (
     CLEAR_TILT,
     LEAST_BLOCKS,
     LOG_OVERSHOOT,
+    MOST_KEPT,
     RATIO_CAP,
     WEAK_EXCESS,
     WEAK_INCREMENT,
+    LineCusums,
 )
 from allanscope.watch.scan import (
     ALPHA_SHARES,
@@ -39,6 +41,7 @@ from allanscope.watch.scan import (
 )
 from allanscope.watch.summary import (
     FIRST_BIN,
+    LANES,
     MEDIAN_TO_SIGMA,
     OUTLIER_SIGMAS,
     Summariser,
@@ -183,6 +186,17 @@ def test_ratios_of_white_noise_average_to_one():
         if number >= 1000:
             means.append((known.ratio * known.scale[:, np.newaxis])[..., :6].mean())
     assert abs(np.mean(means) - 1.0) < 0.015
+
+
+def test_ratios_are_kept_in_the_half_precision_of_numpy():
+    halves = np.arange(0x7C00, dtype=np.uint16).view(np.float16).astype(np.float32)
+    ties = (halves[1:] + halves[:-1]) / np.float32(2.0)
+    about = [np.nextafter(ties, np.float32(end)) for end in (0.0, 1e9)]
+    ratio = np.resize(np.concatenate([halves, ties, *about]), (1, 15_872, LANES))
+    lines = LineCusums(LANES, ratio.shape[1], -9.0)
+    lines.update(ratio, np.ones((1, LANES), np.float32), np.zeros(ratio.shape, np.int32))
+    expected = np.minimum(ratio, np.float32(MOST_KEPT)).astype(np.float16)
+    assert np.array_equal(lines._recent[0].view(np.uint16), expected.view(np.uint16))
 
 
 def test_scan_is_that_of_plain_numpy():

@@ -8,6 +8,7 @@
 typedef float eight __attribute__((vector_size(32), aligned(4), may_alias));
 typedef int32_t eight_int __attribute__((vector_size(32), aligned(4), may_alias));
 typedef int16_t eight_short __attribute__((vector_size(16), aligned(2), may_alias));
+typedef uint16_t eight_halves __attribute__((vector_size(16), aligned(2), may_alias));
 typedef struct {
     eight re, im;
 } wave; /* a complex number of each axis */
@@ -305,25 +306,37 @@ static inline eight root_of(eight v) {
     return root;
 }
 
+/* Numbers from 0 to 65504 in half precision, ties to even: one below 2^-14, the least normal, is rounded
+   to a multiple of 2^-24 by the addition of 0.5. */
+static inline eight_halves halves_of(eight v) {
+    eight_int bits = (eight_int)v, half = (eight_int)ALL(0.5f);
+    eight_int normal = (bits + 0xFFF + ((bits >> 13) & 1) - (112 << 23)) >> 13;
+    eight_int small = (eight_int)(v + 0.5f) - half;
+    eight_int chosen_bits = (eight_int)chosen(v < 0x1p-14f, (eight)small, (eight)normal);
+    return __builtin_convertvector(chosen_bits, eight_halves);
+}
+
 /* Add what the ratios of a block say to the sums of weak and of clear lines (2, groups, bins, 8):
    gains[0] of a ratio less gains[1], and gains[2] of its root less gains[3].
 
    A ratio counts `scale` (groups, 8) times, `cap` at most, and for less where its mean square,
    `spread`, is over that of exponential deviates by more than `uncertain`. A sum that falls to zero
-   begins anew at block `now`. `tops` (2, groups, 8) receives the largest sums. Before `is_on`, only
-   the spread is learned. */
+   begins anew at block `now`. `tops` (2, groups, 8) receives the largest sums, `kept` the scaled
+   ratios, `most_kept` at most, in half precision. Before `is_on`, only the spread is learned. */
 KERNEL(void, watch_lines)
 (int64_t groups, int64_t bins, double gain, int64_t now, int64_t is_on, const float *ratio,
- const float *scale, const int32_t *held, double cap, double uncertain, const float *gains,
- float *spread, float *sums, int32_t *since, float *tops) {
+ const float *scale, const int32_t *held, double cap, double uncertain, double most_kept,
+ uint16_t *kept, const float *gains, float *spread, float *sums, int32_t *since, float *tops) {
     int64_t all_bins = groups * bins * AXES;
     eight limit = ALL((float)cap), most = ALL(6.0f), none = ALL(0.0f), one = ALL(1.0f);
+    eight largest = ALL((float)most_kept);
     eight error = ALL((float)uncertain);
     eight_int block = (eight_int){0} + (int32_t)now;
     for (int64_t g = 0; g < groups; g++, tops += AXES, scale += AXES) {
         eight top0 = none, top1 = none, level = *(const eight *)scale;
-        for (int64_t k = 0; k < bins; k++, ratio += AXES, held += AXES, spread += AXES) {
-            eight value = lower(*(const eight *)ratio * level, limit), wide = *(eight *)spread;
+        for (int64_t k = 0; k < bins; k++, ratio += AXES, held += AXES, spread += AXES, kept += AXES) {
+            eight scaled = *(const eight *)ratio * level, value = lower(scaled, limit), wide = *(eight *)spread;
+            *(eight_halves *)kept = halves_of(lower(scaled, largest));
             eight mild = lower(value, most);
             wide += (mild * mild * 0.5f - wide) * (float)gain;
             *(eight *)spread = wide;

@@ -131,7 +131,7 @@ CLEAR_INCREMENT = (CLEAR_TILT, _log_mean(CLEAR_TILT))
 _lines = kernel(
     "watch_lines",
     *(int, int, float, int, int, Pointer(np.float32, 3), Pointer(np.float32, 2)),
-    *(Pointer(np.int32, 3), float, float),
+    *(Pointer(np.int32, 3), float, float, float, Pointer(np.float16, 3, written=True)),
     *(Pointer(np.float32, 1), Pointer(np.float32, 3, written=True)),
     *(Pointer(np.float32, 4, written=True), Pointer(np.int32, 4, written=True)),
     Pointer(np.float32, 3, written=True),
@@ -171,16 +171,13 @@ class LineCusums:
             Bins that are not looked at, -1: an event is known there.
         """
         kept = self._recent[self.blocks % len(self._recent)]
-        np.minimum(ratio * scale[:, np.newaxis], MOST_KEPT, out=kept, casting="same_kind")
         self.blocks += 1
         # Exponential ratios have a mean square of 2. Where it is larger, as on a line that was
         # always there and beats with another, ratios count for less.
         gain, is_on = 1.0 / min(self.blocks, MEMORY_BLOCKS), self.blocks > WARM_UP
         groups, bins = ratio.shape[:2]
-        limits = RATIO_CAP, MEAN_SQUARE_ERROR
-        self._fixed.call(
-            _lines, groups, bins, gain, self.blocks, is_on, ratio, scale, held, *limits
-        )
+        block = groups, bins, gain, self.blocks, is_on, ratio, scale, held
+        self._fixed.call(_lines, *block, RATIO_CAP, MEAN_SQUARE_ERROR, MOST_KEPT, kept)
         if not is_on:
             return []
         weight, tops = log_weight(self.blocks), self._tops.reshape(len(ALPHA_SHARES), -1)

@@ -60,8 +60,6 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Asked = tuple[int, int, float, int]
-"""Power laws of two noises, averaging factor and stride."""
 
 _ONE_BY_ONE = 1024
 """Up to this many lags every one is summed."""
@@ -265,61 +263,47 @@ def _overlap(
     sampled: bool,
 ) -> Floats:
     """Return c_ij of pairs of noises, each at an averaging factor; 1 / edf of one."""
-    asked = list(zip(*(one.tolist() for one in (alpha, beta, m, stride)), strict=True))
+    laws = tuple(sorted({*alpha.tolist(), *beta.tolist()}))
     # So many lags count at most, of which the sums do not depend on the length of the run.
-    whole = terms > np.ceil((order + 1) * m / stride)
-    inverse = np.empty(m.size)
-    known = tuple(one for one, is_whole in zip(asked, whole.tolist(), strict=True) if is_whole)
-    total, moment = _sums_of_all_lags(known, order, modified, sampled)
-    inverse[whole] = (1.0 + 2.0 * (total - moment / terms[whole])) / terms[whole]
-    for i in np.flatnonzero(~whole).tolist():
-        inverse[i] = _overlap_of_few(asked[i], float(terms[i]), order, modified, sampled)
-    return inverse
+    reach = np.where(terms > np.ceil((order + 1) * m / stride), np.inf, terms)
+    asked = list(zip(*(one.tolist() for one in (m, stride, reach)), strict=True))
+    number = {one: i for i, one in enumerate(dict.fromkeys(asked))}
+    which = np.array([number[one] for one in asked], np.int64)
+    sums = [_sums_of_lags(*one, laws, order, modified, sampled) for one in number]
+    of_pairs = np.array(sums).reshape(len(sums), 2, len(laws), len(laws))
+    first, second = np.searchsorted(laws, [alpha, beta])
+    total, moment = of_pairs[which, :, first, second].T
+    return np.asarray((1.0 + 2.0 * (total - moment / terms)) / terms)
 
 
-@lru_cache(maxsize=256)  # estimators of one family, and records of any length, ask the same
-def _sums_of_all_lags(
-    asked: tuple[Asked, ...], order: int, modified: bool, sampled: bool
+@lru_cache(maxsize=1 << 12)  # estimators of one family, and records of any length, ask the same
+def _sums_of_lags(
+    m: float,
+    stride: int,
+    reach: float,
+    laws: tuple[int, ...],
+    order: int,
+    modified: bool,
+    sampled: bool,
 ) -> Floats:
-    """Return the sums over all lags as in `LagSums`, shape (2, k)."""
-    sums = [_sum_of_all_lags(one, order, modified, sampled) for one in asked]
-    return np.array(sums, np.float64).reshape(-1, 2).T
-
-
-@lru_cache(maxsize=1 << 13)
-def _sum_of_all_lags(
-    asked: Asked, order: int, modified: bool, sampled: bool
-) -> tuple[float, float]:
-    centre, square = _products(asked, order, modified, sampled)[1:]
-    return float(square.sum()), float(centre @ square)
-
-
-@lru_cache(maxsize=1 << 12)
-def _overlap_of_few(asked: Asked, terms: float, order: int, modified: bool, sampled: bool) -> float:
-    """Return c_ij of so few terms that not all lags count."""
-    edge, centre, square = _products(asked, order, modified, sampled)
-    block = min(int(np.searchsorted(edge, terms, side="right")), len(square)) - 1
-    part = min((terms - edge[block]) / (edge[block + 1] - edge[block]), 1.0)
-    square, centre = square[: block + 1], centre[: block + 1]
-    square[block] *= part
-    return float((1.0 + 2.0 * (square.sum() - centre @ square / terms)) / terms)
-
-
-def _products(
-    asked: Asked, order: int, modified: bool, sampled: bool
-) -> tuple[Floats, Floats, Floats]:
-    """Return edges and middles of blocks of lags, and products of two autocorrelations in each."""
-    alpha, beta, m, stride = asked
+    """Return the sums of `LagSums` up to a lag, of each pair of noises, shape (2, laws, laws)."""
     span = m / stride
     averaged = modified and not (sampled and m == 1)
     edge, width, centre = _blocks(span, order + 1)
-    first, second = (
-        _correlation(
-            law, span, _filter_width(law, int(m), span, averaged), order, sampled and not averaged
-        )
-        for law in (alpha, beta)
+    width = width * np.clip((reach - edge[:-1]) / width, 0.0, 1.0)
+    rho = np.array(
+        [
+            _correlation(
+                law,
+                span,
+                _filter_width(law, int(m), span, averaged),
+                order,
+                sampled and not averaged,
+            )
+            for law in laws
+        ]
     )
-    return edge, centre, width * first * second
+    return np.stack([(width * rho) @ rho.T, (width * centre * rho) @ rho.T])
 
 
 def _by_neighbours(

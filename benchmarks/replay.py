@@ -49,6 +49,7 @@ def cpu_s(call: Callable[[], Any]) -> float:
 
 def stages(path: Path) -> dict[str, float]:
     """Return the nanoseconds of each stage, per sample of one axis."""
+    reuse_memory()  # as `analyse` does
     buffers, seconds = [], {}
 
     def read() -> None:
@@ -66,6 +67,7 @@ def stages(path: Path) -> dict[str, float]:
     info = next(event for event in events if isinstance(event, StreamInfo))
     state = StreamState(info, 4, FULL_ROWS)
     warm = [state.temperature.at_samples(block) for block in blocks]
+    seconds["watch"] = cpu_s(lambda: [state.watch.rows(block.counts) for block in blocks])
     seconds["clock"] = cpu_s(lambda: [state.clock.update(b.index, b.ticks) for b in blocks])
     counts = [np.concatenate([b.counts for b in blocks])]
     seconds["deviations"] = cpu_s(lambda: state.bank.update(counts[0]))
@@ -76,7 +78,7 @@ def stages(path: Path) -> dict[str, float]:
 
 def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
-    reuse_memory()  # as `analyse` does
+    reuse_memory()
     row_buffer.BackgroundTask().do(row_buffer.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(full_settings(""))

@@ -189,3 +189,5 @@ def test_a_text_file_is_a_recording_of_a_fleet(tmp_path: Path) -> None:
     outcome = analyse_recording(place, device)
     assert not outcome.error
     assert fingerprint_recording(place, device).sha256 == outcome.sha256
+    unknown = analyse_recording(place, DeviceSettings())
+    assert unknown.error.endswith("(or none that go up); give --rate HZ")

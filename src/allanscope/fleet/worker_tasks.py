@@ -25,6 +25,7 @@ from allanscope.pipeline import (
     is_table_file,
     joined,
     recorded_settings,
+    require_rate,
 )
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.samples import Event
@@ -134,10 +135,13 @@ def outcome_of(
     Raises
     ------
     InputError
-        If it held no samples.
+        If it held no samples, or too few for a curve.
+    UsageError
+        If nothing tells its sample rate.
     """
     if analyser.state is None or not analyser.state.samples:
         raise InputError(f"{item.url} contains no samples; nothing to analyse")
+    require_rate(item.url, analyser)
     facts = {"name": item.name, "path": item.url, "wire": decoding.wire, "sha256": sha256}
     analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
     circumstances = _circumstances(recording, analyser, analysis)

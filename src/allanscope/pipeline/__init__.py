@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         analyse_input,
         full_settings,
         recorded_settings,
+        require_rate,
     )
     from allanscope.pipeline.check import (
         Limits,
@@ -124,6 +125,7 @@ __all__ = [
     "read_limits",
     "recorded_settings",
     "report_sessions",
+    "require_rate",
     "reuse_memory",
     "run_emulated_device",
     "run_live",
@@ -171,6 +173,7 @@ __getattr__, __dir__ = lazily(
         "open_stream": "stream",
         "read_limits": "check",
         "recorded_settings": "analyse_file",
+        "require_rate": "analyse_file",
         "report_sessions": "outputs",
         "run_emulated_device": "simulate",
         "run_live": "run",

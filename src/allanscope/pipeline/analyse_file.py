@@ -24,7 +24,7 @@ from allanscope.worker_process import WorkerProcess
 if TYPE_CHECKING:
     from allanscope.analysis import Analysis
 
-__all__ = ["analyse_input", "full_settings", "recorded_facts", "recorded_settings"]
+__all__ = ["analyse_input", "full_settings", "recorded_facts", "recorded_settings", "require_rate"]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
@@ -85,7 +85,7 @@ def analyse_input(
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
         raise InputError(f"{path} contains no samples; {why}")
-    _require_rate(path, analyser)
+    require_rate(path, analyser)
     facts["wire"] = decoding.wire
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
@@ -171,8 +171,16 @@ def _analyse_table(
     return _require_curve(path, analysis)
 
 
-def _require_rate(path: Path, analyser: Analyser) -> None:
-    """Refuse samples without times or a rate: tau would be unknown."""
+def require_rate(path: Path | str, analyser: Analyser) -> None:
+    """Refuse samples without times or a rate: tau would be unknown.
+
+    Raises
+    ------
+    UsageError
+        If there is no rate.
+    InputError
+        If there are too few samples for any curve.
+    """
     state = max(analyser.configurations, key=lambda one: one.samples)
     if state.samples < FEWEST:
         raise InputError(f"{path}: {_too_few(state.samples, state.segments)}")

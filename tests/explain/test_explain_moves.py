@@ -15,6 +15,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS, gauss_markov, narrowband
 from allanscope.explain.effects.band_limit import BandLimit
+from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.outliers import Outliers
 from allanscope.explain.effects.sinusoid import Sinusoid
@@ -22,6 +23,7 @@ from allanscope.explain.effects.unexplained import Unexplained, tone_without_nam
 from allanscope.explain.gates import (
     growth,
     growth_remarks,
+    is_measured,
     judge,
     penalties,
     penalty_passed,
@@ -124,6 +126,24 @@ def test_refit_moves_an_estimate_when_another_effect_has_been_taken_out() -> Non
     assert size == pytest.approx(1.0, abs=0.06)  # three standard errors
     assert path.evaluations == 2
     assert again.spectrum.loglik >= both.spectrum.loglik - 1e-6
+
+
+def test_refit_keeps_what_would_lose_its_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would be dropped for that, and found again as it was, until the search is stopped."""
+    slow = lfilter([0.3], [1.0, -0.95], noise(9))
+    view = view_of(noise(7) + line(7.0, 1.0) + slow)
+    first = view.accept(best_of(view, "sinusoid"))
+    both = first.accept(best_of(first, "gauss_markov"))
+    former = both.accepted[-1]
+    assert is_measured(former)
+
+    def endless(self: GaussMarkov, view: View) -> Candidate:
+        del view
+        return replace(former, effect=replace(self, correlation_time=Estimate(1e9, unit="s")))
+
+    monkeypatch.setattr(GaussMarkov, "refine", endless)
+    again = refit(both, SearchPath()).accepted[-1]
+    assert again.effect == former.effect
 
 
 def test_drop_removes_what_no_longer_pays_and_it_is_not_taken_again() -> None:

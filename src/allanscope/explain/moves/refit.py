@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.gates import is_measured
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 from allanscope.noise.components import MovingLine
@@ -27,6 +28,8 @@ def estimate_again(view: View, path: SearchPath) -> View:
         path.evaluations += 1
         bare = view.without(candidate)
         again = (candidate.effect.refine(bare) or candidate).finished()
+        if is_measured(candidate) and not is_measured(again):
+            again = candidate  # without intervals it would be dropped, and found again as it was
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
         grown = bare.accept(again)
         order = [again if c is candidate else c for c in view.accepted]

@@ -33,7 +33,7 @@ def split_bands(view: View, path: SearchPath) -> View:
     for own, other in (pair, pair[::-1]):
         found, why = judge(bare.accept(other), own)
         if found is None or not isinstance(found.effect, Narrowband):
-            path.note("split", own, why)
+            path.note("split", own, why if found is None else "adequacy: it is no band")
             return view
         judged.append(replace(found, rivals=last.rivals))
     path.accept("split", *judged)

@@ -110,13 +110,12 @@ class Spectrum:
     def _sum(self, components: Iterable[Component], of: Evaluation, frequency: Array) -> Array:
         total, floor = np.zeros_like(frequency), np.zeros_like(frequency)
         zeros = any(one.has_zeros for one in self.model.filters)
-        passed = _response_at(self.model, frequency)
+        passed = self.model.passing(frequency)
         for component in components:
             part = of(component)
             if zeros:
                 floor += _DARK * part
-            filters = self.model.filters_on(component)
-            total += part * passed(filters) if filters else part
+            total += passed(component, part)
         return np.maximum(total, floor)
 
     @once
@@ -159,22 +158,6 @@ class Spectrum:
         """Log-likelihood of other binned power (mean square ordinates) under this spectrum."""
         dof, expected = self.fit.likelihood.dof, self.fit.expected
         return float(-0.5 * np.sum(dof * (np.log(expected) + power / expected)))
-
-
-def _response_at(
-    model: NoiseModel, frequency: Array
-) -> Callable[[tuple[Filter, ...]], Array | np.float64]:
-    """Return the response of filters at some frequencies: most components pass the same ones."""
-
-    @cache
-    def response(one: Filter) -> Array:
-        return one.response(frequency, model.dt)
-
-    @cache
-    def passed(filters: tuple[Filter, ...]) -> Array | np.float64:
-        return combined_response(filters, model.dt, response)
-
-    return passed
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,12 +273,11 @@ class SpectrumFitter:
         The shapes are (grid.low,) and (p, grid.low).
         """
         grid, model = self.grid, self.basis.model
-        passed = _response_at(model, grid.frequency[: grid.low])
+        passed = model.passing(grid.frequency[: grid.low])
         fixed, columns = np.zeros(grid.low), []
         for component, is_free in zip(model, self.basis.free, strict=True):
             one = component.with_power(1.0) if is_free else component
-            part, filters = grid.first(one, grid.low), model.filters_on(component)
-            part = part * passed(filters) if filters else part
+            part = passed(one, grid.first(one, grid.low))
             if is_free:
                 columns.append(part)
             else:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -75,21 +75,33 @@ class NoiseModel:
     def density(self, f: ArrayLike) -> Array:
         """Return the one-sided density at frequencies in Hz, without pure lines."""
         frequency = np.asarray(f, np.float64)
-        total = np.zeros(frequency.shape)
+        total, passed = np.zeros(frequency.shape), self.passing(frequency)
         for component in self.components:
-            total = total + self._density(component, frequency)
+            total = total + passed(component, component.density(frequency, self.dt))
         return total
 
     def _density(self, component: Component, frequency: Array) -> Array:
-        return self.passed(component, component.density(frequency, self.dt), frequency)
+        return self.passing(frequency)(component, component.density(frequency, self.dt))
 
-    def passed(self, component: Component, power: Array, frequency: Array) -> Array:
-        """Return what the filters leave of a component's power at frequencies in Hz."""
-        filters = self.filters_on(component)
-        if not filters:
-            return power
-        response = combined_response(filters, self.dt, lambda f: f.response(frequency, self.dt))
-        return np.asarray(power * response)
+    def passing(self, frequency: Array) -> Callable[[Component, Array], Array]:
+        """Return how to get what the filters leave of a component's power at frequencies in Hz.
+
+        Most components pass the same filters: each response is computed once.
+        """
+
+        @cache
+        def response(one: Filter) -> Array:
+            return one.response(frequency, self.dt)
+
+        @cache
+        def combined(filters: tuple[Filter, ...]) -> Array | np.float64:
+            return combined_response(filters, self.dt, response)
+
+        def passed(component: Component, power: Array) -> Array:
+            filters = self.filters_on(component)
+            return np.asarray(power * combined(filters)) if filters else power
+
+        return passed
 
     def variance(self, kind: str, m: ArrayLike) -> Array:
         """Return what an estimator expects at averaging factors `m`.

@@ -457,7 +457,7 @@ def _groups(rows: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any
 def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
     residual = axis.get("residual", {})
     density = axis.get("datasheet", {}).get("density", {})
-    level = axis.get("level") or {}  # an axis that failed has none
+    level = axis.get("level") or {}  # without rows there is none
     return {
         "level_mean": level.get("mean"),
         "level_stability": level.get("stability"),

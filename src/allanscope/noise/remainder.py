@@ -122,18 +122,16 @@ def _remeasured(model: NoiseModel, bare: NoiseModel, found: Remainder) -> NoiseM
     A line has the power that was measured over the noise in its band. Where the remainder is there
     is more noise, or less, so that the line is what is left of as much as there was.
     """
-    beside = replace(model, filters=tuple(f for f in model.filters if f.symbol != found.symbol))
-    beside = beside.plus(found)
+    line = LineProfile.symbol
+    noise, beside = bare.without(line), model.without(line, found.symbol).plus(found)
 
-    def line(component: Component) -> Component:
+    def measured(component: Component) -> Component:
         if not isinstance(component, LineProfile):
             return component
         centre = (component.edges[:-1] + component.edges[1:]) / 2
-        noise = [m.without(component.symbol).density(centre) for m in (bare, beside)]
-        return component.with_more(noise[0] - noise[1])
+        return component.with_more(noise.density(centre) - beside.density(centre))
 
-    with_found = bare.plus(found)
-    return replace(with_found, components=tuple(line(c) for c in with_found))
+    return replace(bare, components=tuple(map(measured, bare))).plus(found)
 
 
 def _level(smooth: Smooth, fit: Fit, frequency: Array, dof: Array) -> tuple[float, float]:

@@ -78,8 +78,7 @@ def _taken_over(view: View, candidate: Candidate, path: SearchPath) -> View:
         before = bare.spectrum.loglik
         bare = estimate_again(bare, path)
         gained = bare.spectrum.loglik - before
-        missing = view.spectrum.loglik - bare.spectrum.loglik - candidate.penalty
-        if missing > _FAR * max(gained, 1.0):
+        if _missing(view, bare, candidate) > _FAR * max(gained, 1.0):
             break
     return bare
 
@@ -88,6 +87,11 @@ def _loss(view: View, bare: View, candidate: Candidate) -> float:
     """Return by how much less likely a view is without an effect, over the penalty of that."""
     if not all(map(is_measured, bare.accepted)):
         return np.inf
+    return _missing(view, bare, candidate)
+
+
+def _missing(view: View, bare: View, candidate: Candidate) -> float:
+    """Return the same whether what is left is measured or not."""
     return view.spectrum.loglik - bare.spectrum.loglik - candidate.penalty
 
 

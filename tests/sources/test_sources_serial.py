@@ -6,6 +6,7 @@ import errno
 import itertools
 import os
 import socket
+import subprocess
 import termios
 import threading
 import time
@@ -116,6 +117,26 @@ def test_a_port_in_use_says_who_has_it(device: Device, source: SerialSource) -> 
         SerialSource(str(device.path), comports=list)
     assert "\n" not in str(caught.value)
     assert source.read().event == ""
+
+
+@pytest.mark.parametrize("reader", ["scandir", "listdir"])
+def test_a_program_that_ends_while_the_holder_is_looked_for_is_passed_over(
+    reader: str, device: Device, source: SerialSource, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with subprocess.Popen(["sleep", "60"]) as child:
+        files = f"/proc/{child.pid}/fd"
+        read = getattr(os, reader)
+
+        def ending(path: Any = ".") -> Any:
+            if os.fspath(path) == files:
+                child.kill()
+                child.wait()
+            return read(path)
+
+        monkeypatch.setattr(os, reader, ending)
+        with pytest.raises(DeviceError, match=rf"in use by .*\(pid {os.getpid()}\)"):
+            SerialSource(str(device.path), comports=list)
+        child.kill()
 
 
 def test_a_missing_port_says_what_is_there(tmp_path: Path) -> None:

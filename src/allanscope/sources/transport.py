@@ -294,12 +294,11 @@ def _holders(name: str) -> str:
     """Return which programs have a file open, as far as the system lets us see, and what to do."""
     target = os.path.realpath(name)
     found = set()
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        try:
-            if os.path.realpath(link) == target:
-                process = link.parent.parent
-                name = (process / "comm").read_text("utf-8", "replace").strip()
-                found.add(f"{name} (pid {process.name})")
+    for process in Path("/proc").glob("[0-9]*"):
+        try:  # one that ends meanwhile takes its files with it
+            if any(os.path.realpath(link) == target for link in (process / "fd").iterdir()):
+                program = (process / "comm").read_text("utf-8", "replace").strip()
+                found.add(f"{program} (pid {process.name})")
         except OSError:
             continue
     if found:

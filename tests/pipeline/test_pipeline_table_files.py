@@ -138,7 +138,7 @@ def test_nothing_that_a_file_claims_is_believed(tmp_path, kind, monkeypatch):
     elif kind == "many":
         _zip(path, {f"{i}.npy": _header((0,)) for i in range(999)})
     elif kind == "no arrays":
-        _zip(path, {"xl/workbook.xml": b"<x/>"})
+        _zip(path, {"notes.txt": b"at rest"})
     elif kind == "bomb":
         monkeypatch.setattr("allanscope.pipeline.table_files.arrays.MOST_BYTES", 1 << 16)
         _zip(path, {"gx.npy": _header((10**6,)) + bytes(8 * 10**6)})
@@ -156,6 +156,12 @@ def test_parquet_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, cap
     pq.write_table(pa.table(dict.fromkeys(("gx", "gy", "gz"), zeros)), tmp_path / "a.parquet")
     assert main(["analyse", str(tmp_path / "a.parquet"), "--rate", "100"]) == 3
     assert "3000000 rows: too many for a file of its size" in capsys.readouterr().err
+
+
+def test_a_workbook_is_to_be_saved_as_text(tmp_path, capsys):
+    _zip(tmp_path / "a.xlsx", {"xl/workbook.xml": b"<x/>"})
+    assert main(["analyse", str(tmp_path / "a.xlsx"), "--rate", "100"]) == 3
+    assert "save the sheet with the samples as CSV" in capsys.readouterr().err
 
 
 def test_damaged_parquet_is_one_clear_line(tmp_path, capsys):

@@ -278,6 +278,14 @@ def test_a_column_in_a_unit_that_nobody_knows_is_left_out_and_said() -> None:
     ]
 
 
+def test_names_of_many_columns_that_are_left_out_are_cut_visibly() -> None:
+    magnetometer = ",".join(f"Magnetometer {axis} (uT)" for axis in "XYZ")
+    _, *events = _decode(f"gx[dps],{magnetometer}\n" + "1,2,3,4\n" * 5)
+    (told,) = _remarks(events)
+    assert told.startswith("columns left out: Magnetometer X (uT), ")
+    assert told.endswith("…")
+
+
 def test_a_row_that_no_sensor_can_have_measured_is_left_out() -> None:
     """Its square would spoil every sum; the stamps say that a sample is missing there."""
     rows = [f"{0.01 * i:.2f},{'1e30' if i == 60 else '0.5'}\n" for i in range(100)]

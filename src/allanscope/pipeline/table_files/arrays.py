@@ -74,6 +74,8 @@ def _from_npz(path: Path) -> TableFile:
     with zipfile.ZipFile(path) as archive:
         members = [one for one in archive.infolist() if one.filename.endswith(".npy")]
         if not members:
+            if "xl/workbook.xml" in archive.namelist():
+                raise ValueError("an Excel workbook; save the sheet with the samples as CSV")
             raise ValueError("a ZIP archive that contains no arrays of NumPy")
         most = min(MOST_BYTES, most_unpacked(path.stat().st_size))
         if len(members) > MOST_MEMBERS or sum(one.file_size for one in members) > most:

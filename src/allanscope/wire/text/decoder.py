@@ -222,7 +222,7 @@ class TextDecoder:
             if column is None and cell and not in_unknown_unit(cell)
         ]
         if others:
-            left_out += (f"columns left out: {', '.join(others)[:_LONGEST_QUOTE]}",)
+            left_out += (f"columns left out: {_quote(', '.join(others))}",)
         if self._needs_confirmation(columns):
             return []
         self._left_out = left_out
@@ -357,10 +357,9 @@ class TextDecoder:
         if self._reported == _MOST_REPORTED or not math.isnan(self._host_s):
             return []
         self._reported += 1
-        quote = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
         why = why_no_row(self._table.columns, text.encode()) if self._table is not None else ""
         line = (
-            f"line {number or self._lines.number} is not a row of the table: {quote!r}"
+            f"line {number or self._lines.number} is not a row of the table: {_quote(text)!r}"
             f"{f' ({why})' if why else ''}; such lines are skipped"
         )
         return [Notice("error", line)]
@@ -372,3 +371,8 @@ class TextDecoder:
 
 def _only_numbers(line: bytes) -> bool:
     return all(is_number(cell) for cell in cells_of(plain_line(line)) if cell)
+
+
+def _quote(text: str) -> str:
+    """Return the beginning of a text, marked as such where it goes on."""
+    return text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"

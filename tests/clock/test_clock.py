@@ -310,3 +310,20 @@ def test_a_host_that_differs_by_what_crystals_do_stays_the_truth():
     clock = Clock(416.0, True, 1e-6, crystal=True)
     clock.update(0, Ticks(number, number / 416.0, number / 416.0 * (1.0 + 90e-6), unknown))
     assert clock.rate().source == "host"
+
+
+@pytest.mark.parametrize(("rows", "off"), [(400, 10e-6), (1000, -8e-6)])
+def test_even_times_of_a_table_know_the_rate_no_better_than_their_decimals(
+    rows: int, off: float
+) -> None:
+    """Stamps in ms, 50 apart all the time: no row says that the period is another."""
+    hz = 20.0 * (1.0 + off)
+    offset, unknown = np.arange(rows), np.full(rows, np.nan)
+    stamps = np.round(offset / hz, 3)
+    assert np.ptp(np.diff(stamps)) < 1e-9
+    info = StreamInfo(("gx",), (1.0,), time_resolution_s=1e-6, device_clock=True, tabular=True)
+    (clock := Clock.of(info)).update(0, Ticks(offset, stamps, unknown, unknown))
+    rate = clock.rate()
+    sigma = rate.uncertainty_ppm * 1e-6
+    assert rate.hz / hz - 1.0 == pytest.approx(0.0, abs=2.0 * sigma)
+    assert sigma == pytest.approx(0.01 / 12**0.5 * 20.0 / rows, rel=0.05)

@@ -92,6 +92,8 @@ class Clock:
         Step of the device's time.
     crystal : bool
         Whether the device's clock is known to be a crystal, which overrules the host.
+    guessed : bool
+        Whether `device_resolution_s` is a guess from the first times.
     seen : bool
         Whether `nominal_hz` is only what the first rows showed: then the device's time is better
         however unevenly it goes, as that of a polling loop which has become slower.
@@ -115,9 +117,11 @@ class Clock:
         device_clock: bool = True,
         device_resolution_s: float = 0.0,
         crystal: bool = False,
+        guessed: bool = False,
         seen: bool = False,
     ) -> None:
         self.nominal_hz = nominal_hz
+        self._guessed = guessed
         self._seen = seen
         self._device_clock = device_clock
         self._crystal = crystal
@@ -129,7 +133,9 @@ class Clock:
         """Return the clock of a stream that describes itself."""
         crystal = info.device_clock and not info.tabular
         seen = info.tabular and not info.rate_claimed
-        return cls(info.nominal_hz, info.device_clock, info.time_resolution_s, crystal, seen)
+        return cls(
+            info.nominal_hz, info.device_clock, info.time_resolution_s, crystal, info.tabular, seen
+        )
 
     def update(self, index: int, ticks: Ticks) -> None:
         """Take the ticks of a block whose first sample has the number `index`."""
@@ -149,7 +155,8 @@ class Clock:
         if nominal_hz is not None:
             self.nominal_hz = nominal_hz
         self._host = Envelope(USB_FRAME_S, self.nominal_hz, polled=True)
-        self._device = Envelope(max(self._device_resolution_s, ROUNDING_S), self.nominal_hz)
+        resolution_s = max(self._device_resolution_s, ROUNDING_S)
+        self._device = Envelope(resolution_s, self.nominal_hz, guessed=self._guessed)
 
     def rate(self) -> RateFit:
         """Return the best rate that is known now: by the host, by the device, or the nominal one.
@@ -237,10 +244,19 @@ class Envelope:
         Rate that is claimed; 0 when none is.
     polled : bool
         Whether the times are those of a reader with a cadence of its own.
+    guessed : bool
+        Whether the step is a guess.
     """
 
-    def __init__(self, resolution_s: float, nominal_hz: float = 0.0, polled: bool = False) -> None:
+    def __init__(
+        self,
+        resolution_s: float,
+        nominal_hz: float = 0.0,
+        polled: bool = False,
+        guessed: bool = False,
+    ) -> None:
         self._resolution_s = resolution_s
+        self._guessed = guessed
         self._polled = polled
         self._pause_s = 0.0
         self._window_s = FIRST_WINDOW_S
@@ -311,6 +327,7 @@ class Envelope:
             self._temperature_c[rows],
             self._pause_s,
             self._cadence_s(self._time_s[rows]),
+            self._guessed,
         )
 
     def _settled(self) -> slice:

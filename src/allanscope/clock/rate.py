@@ -99,6 +99,7 @@ def fit_line(
     temperature_c: Floats | None = None,
     cadence_s: float = 0.0,
     hidden_s: float = 0.0,
+    guessed: bool = False,
 ) -> LineFit | None:
     """Fit one rate to several stretches of numbers and times.
 
@@ -116,6 +117,9 @@ def fit_line(
         Another step, that of the reader.
     hidden_s : float
         What may creep whatever the length of a frame is.
+    guessed : bool
+        Whether the step is a guess. Times that lie on the line exactly do not give it away: it may
+        be as coarse as their decimals are.
 
     Returns
     -------
@@ -131,6 +135,8 @@ def fit_line(
     xc, residual = _centred(x, stretch, kept)[kept], residual[kept]
     span_s = float(np.ptp(x[kept])) * period_s
     slope_sigma = _slope_sigma(xc, residual, stretch[kept])
+    if guessed and np.abs(residual).max() < TIGHTEST_S:
+        resolution_s = max(resolution_s, _decimal_step(time_s))
     frame = max(float(np.gcd.reduce(np.diff(index))), 1.0)
     phases = np.arange(1, max(int(median(np.diff(x)) / frame), 1) + 1)[:MOST_PHASES]
     creep_s = max(
@@ -351,6 +357,14 @@ def _room_to_creep(
     away = np.abs(phases * ratio - np.round(phases * ratio))
     alike = away < CRYSTALS * ratio * phases + frame_s / span_s
     return step_s / float(phases[alike][0]) if alike.any() else 0.0
+
+
+def _decimal_step(time_s: Floats) -> float:
+    """Return the largest power of ten, in s, up to one, of which all times are multiples; or 0."""
+    for step_s in 10.0 ** -np.arange(7.0):
+        if (np.abs(time_s - np.round(time_s / step_s) * step_s) < TIGHTEST_S).all():
+            return float(step_s)
+    return 0.0
 
 
 def _warmth(x: Floats, temperature_c: Floats, stretch: NDArray[np.int64]) -> Floats:

@@ -27,7 +27,8 @@ result for all who show it: terminal, viewer, report and JSON.
 ``together`` ``shared_lines``                    boards on one bench
 ``verdict_lines`` ``finding_phrases``            verdict and findings in words
 ``disagreement``                                 where model and reading are not the same
-``remarks`` ``wording`` ``notebook``             what else must be known; single numbers; a notebook
+``remarks`` ``motion``                           what else must be known, that the board was moved
+``wording`` ``notebook``                         single numbers in words; a notebook
 ================================================ ===================================================
 """
 

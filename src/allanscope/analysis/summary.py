@@ -31,6 +31,7 @@ from allanscope.analysis.disagreement import disagreement
 from allanscope.analysis.findings import line_of
 from allanscope.analysis.line_origin import clock_wander_of
 from allanscope.analysis.model_curves import draw_models
+from allanscope.analysis.motion import motion_remark
 from allanscope.analysis.readings import density_of, read_axis, tells_flat
 from allanscope.analysis.remarks import (
     axis_remarks,
@@ -144,6 +145,7 @@ def summarise(
         undisturbed=quiet,
         assumptions=tuple(analyser.assumptions),
         remarks=(
+            *filter(None, [motion_remark(given.record)]),
             *run_remarks(analyser, state, rate),
             *_scale_remarks(state, given.record, part),
             *sampling_remarks(axes, _claimed(state, rate), offered),

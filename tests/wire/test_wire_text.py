@@ -764,6 +764,10 @@ def test_an_accelerometer_is_known_by_gravity(unit: str, names: str) -> None:
         ("acc[0],acc[1],acc[2],gyro[0],gyro[1],gyro[2]", "ax ay az gx gy gz"),
         ("ts,lin_acc_x,lin_acc_y,lin_acc_z,ang_vel_x,ang_vel_y,ang_vel_z", "t ax ay az gx gy gz"),
         ("hh:mm:ss.ms,X_Acc,Y_Acc,Z_Acc", "t ax ay az"),
+        ("sys_time,p,q,r,fx,fy,fz", "t gx gy gz ax ay az"),
+        ("TimeUS,GyrX,GyrY,GyrZ", "t gx gy gz"),
+        ("elapsedRealtimeNanos,rotationRateX,rotationRateY,rotationRateZ", "t gx gy gz"),
+        ("gyroRotationX(rad/s),gyroRotationY(rad/s),gyroRotationZ(rad/s)", "gx gy gz"),
         ("a_acc_x,acc_x,a_acc_y,acc_y,a_acc_z,acc_z", "- ax - ay - az"),
         ("b_acc_x,b_acc_y,b_acc_z,c_acc_x,c_acc_y,c_acc_z", "ax ay az - - -"),
         ("gx,gy,gz,bias_acc_x,bias_acc_y,bias_acc_z", "gx gy gz - - -"),
@@ -780,6 +784,13 @@ def test_names_with_more_to_them_are_read_where_no_plain_ones_are(header: str, a
     assert columns is not None
     names = ["-" if c is None else AXES[c.axis] if c.axis >= 0 else "t" for c in columns]
     assert names == axes.split()
+
+
+@pytest.mark.parametrize(
+    "header", ["t,fx,fy,fz", "t,p,q,fx,fy,fz", "t,rotationX,rotationY,rotationZ"]
+)
+def test_forces_without_rates_and_angles_are_no_sensor(header: str) -> None:
+    assert columns_of(cells_of(header)) is None
 
 
 @pytest.mark.parametrize("unit", ["[m/s^2]", "[g]", ""])

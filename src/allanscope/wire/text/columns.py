@@ -25,11 +25,14 @@ __all__ = [
 
 _NAME = re.compile(r"\s*([^\[\](){}]*?)\s*(?:[\[({]([^\])}]*)[\])}])?\s*")
 _AXIS = re.compile(
-    r"(?:field)?(?:(a|acc|accel|accelerometer|acceleration|linear_?acceleration)"
-    r"|(?:g|gyr|gyro|gyroscope|angularrate|angular_?velocity|w|omega))"
+    r"(?:field)?(?:(a|acc|accel|accelerometer|(?:accelerometer)?acceleration|linear_?acceleration)"
+    r"|(?:g|gyr|gyro|gyroscope|angularrate|angular_?velocity|gyrorotation|(?:motion)?rotationrate|w|omega))"
     r"_?(?:l_|rs_s_)?([xyz])"
 )
-"""The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS."""
+"""The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS, and
+`gyroRotationX` and `accelerometerAccelerationX` from a phone."""
+_NAVIGATION = {"p": "gx", "q": "gy", "r": "gz", "fx": "ax", "fy": "ay", "fz": "az"}
+"""Rates and specific force as in navigation; `fx` without rates may be a force."""
 _SENSOR = (
     r"(?:(acc(?:el(?:erometer|eration)?)?)"
     r"|gyr(?:o(?:scope)?)?|ang(?:ular)?_?(?:vel(?:ocity)?|rate))"
@@ -40,10 +43,10 @@ _LOOSE = re.compile(
 )
 """What may be an axis where no name is one: `IMU_AccX`, `gyro_adc_x`, `accSmooth[0]`, `X_Acc`."""
 _TIME = re.compile(
-    r"t|ts|(?:imu_)?time(?:_?stamp)?|fieldheaderstamp|(?:seconds_)?elapsed|epoch?|hh:mm:ss\w*"
+    r"t|ts|(?:(?:imu|sys(?:tem)?|gps)_?)?time(?:_?stamp)?|fieldheaderstamp|(?:seconds_)?elapsed|epoch?|hh:mm:ss\w*"
 )
-_CLOCKS = {"millis": "ms", "micros": "us"}
-"""Names that tell the unit: Arduino's clocks."""
+_CLOCKS = {"millis": "ms", "micros": "us", "timeus": "us", "elapsedrealtimenanos": "ns"}
+"""Names that tell the unit: Arduino's clocks, ArduPilot's, Android's."""
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _BARE_AXIS = re.compile(r"([xyz])(?:[_-]?axis)?[_.]?\d?")
 _GROUPS: Mapping[Quantity, re.Pattern[str]] = {
@@ -171,14 +174,18 @@ def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
     columns = [column_of(cell) for cell in cells]
     for sensor in ("gyro", "accel"):
         if not any(column and column.quantity == sensor for column in columns):
-            for place, column in enumerate(_loosely(cells, sensor)):
+            rates = sensor == "gyro" or any(one and one.quantity == "gyro" for one in columns)
+            for place, column in enumerate(_loosely(cells, sensor, navigation=rates)):
                 columns[place] = columns[place] or column
     columns = _first_of_each(columns)
     return tuple(columns) if any(column and column.axis >= 0 for column in columns) else None
 
 
-def _loosely(cells: Sequence[str], sensor: Quantity) -> list[Column | None]:
-    """Return the columns of x, y and z of a sensor whose names have more to them; none of fewer."""
+def _loosely(cells: Sequence[str], sensor: Quantity, *, navigation: bool) -> list[Column | None]:
+    """Return the columns of x, y and z of a sensor whose names have more to them; none of fewer.
+
+    The names of navigation count too if so said.
+    """
     columns: list[Column | None] = []
     for cell in cells:
         match = _NAME.fullmatch(cell[:80])
@@ -186,7 +193,10 @@ def _loosely(cells: Sequence[str], sensor: Quantity) -> list[Column | None]:
         name = _joined(match[1]) + index if match else ""
         axis = _LOOSE.fullmatch(name)
         column = None
-        if axis and match and ("accel" if axis[1] or axis[4] else "gyro") == sensor:
+        own = _NAVIGATION.get(name, "") if navigation else ""
+        if match and own[:1] == sensor[0]:
+            column = _column(sensor, unit_of_text(match[2] or ""), AXES.index(own))
+        elif axis and match and ("accel" if axis[1] or axis[4] else "gyro") == sensor:
             letter = "xyz"["xyz012".index(axis[2] or axis[3]) % 3]
             unit = "" if index else unit_of_text(match[2] or "")
             column = _column(sensor, unit, AXES.index(sensor[0] + letter))

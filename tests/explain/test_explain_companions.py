@@ -8,7 +8,10 @@ from scipy.fft import idct
 from scipy.signal import lfilter
 
 from allanscope.explain import explain
+from allanscope.explain.effects.amplitude_coupling import AmplitudeCoupling
 from allanscope.explain.effects.shock import _tail
+from allanscope.explain.series import Series
+from allanscope.explain.view import View
 
 SIGMA, RATE = 4e-3 * 52.0**0.5, 52.0
 
@@ -25,6 +28,19 @@ def test_a_shock_of_the_source_is_no_shock_of_the_axis_that_it_couples_into(benc
     found = explain(b.record(b.noise() + 0.5 * source, source)).axes
     assert kinds(found["gx"]) == ["cross_coupling"]
     assert kinds(found["gy"]) == ["shock", "gauss_markov"]
+
+
+def test_a_share_near_none_has_an_error_and_prints_no_warning():
+    """Below 0 the noise would have a negative variance where the source is loud."""
+    rng, size, share = np.random.default_rng(32), 26, 0.003
+    power = np.repeat(np.where(np.arange(3000) % 500 == 7, 1.6e5, 1.0), size)
+    axis = np.sqrt(1 - share + share * power / power.mean()) * rng.standard_normal(len(power))
+    rows = np.column_stack([axis, np.sqrt(power) * rng.standard_normal(len(power))])
+    bridged = np.zeros(len(rows), np.bool_)
+    series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, bridged)
+    vars(series)["shocks"] = ()  # so loud blocks would be some
+    (found,) = AmplitudeCoupling.propose(View(series, series.grid, "gx", rows[:, 0], 0.0))
+    assert found.effect.share.lower < share < found.effect.share.upper < share + 0.01
 
 
 def test_a_shock_rings_on_below_what_is_loud_and_a_pulse_to_one_side_does_not():

@@ -51,8 +51,8 @@ _ELSEWHERE = 1.5
 which one event shakes both axes, five of 700 have them."""
 _MOST = 0.999
 """Largest share of its power that may follow: at 1 the likelihood is singular."""
-_STEP = 0.01
-"""Of the share, over which the curvature of the likelihood is taken."""
+_STEP, _LEAST = 0.01, 0.01
+"""Of the share, over which the curvature of the likelihood is taken at the most, and the least."""
 
 
 @dataclass(frozen=True)
@@ -124,12 +124,10 @@ class AmplitudeCoupling(EffectKind):
             return []
         q = motion[kept]
         looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
-        curvature = -(
-            _gains(power, freedom, q, share + _STEP).sum()
-            + _gains(power, freedom, q, share - _STEP).sum()
-            - 2 * gain
-        )
-        error = _STEP / float(np.sqrt(max(curvature, 1e-6)))
+        step = min(_STEP, share / 2, (1 - share) / 2)  # beyond 0 and 1 there is no likelihood
+        sides = (_gains(power, freedom, q, x).sum() for x in (share - step, share + step))
+        information = (2 * gain - sum(sides)) / step**2
+        error = 1 / float(np.sqrt(max(information, _LEAST)))
         white = float(np.median(view.spectrum.ordinates))
         slope = float(np.sqrt(share * white / q.mean()))
         effect = cls(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.fft import idct
 from scipy.signal import lfilter
 
-from allanscope.explain import explain
+from allanscope.explain import explain, fit_beside
 from allanscope.explain.effects.amplitude_coupling import AmplitudeCoupling
-from allanscope.explain.effects.shock import _tail
 from allanscope.explain.series import Series
+from allanscope.explain.shock_removal import _tail
 from allanscope.explain.view import View
 
 SIGMA, RATE = 4e-3 * 52.0**0.5, 52.0
@@ -28,6 +30,58 @@ def test_a_shock_of_the_source_is_no_shock_of_the_axis_that_it_couples_into(benc
     found = explain(b.record(b.noise() + 0.5 * source, source)).axes
     assert kinds(found["gx"]) == ["cross_coupling"]
     assert kinds(found["gy"]) == ["shock", "gauss_markov"]
+
+
+def knocked_pair(b, *, alone):
+    """Return an axis that follows another, and that one with a shock, which comes along or not."""
+    late = np.maximum(b.t - 130.0, 0.0)
+    knock = 200 * SIGMA * np.exp(-3 * late) * np.sin(2 * np.pi * 5 * late)
+    source = b.noise() + b.gauss_markov(2 * SIGMA, 0.05)
+    return b.record(b.noise() + 0.1 * (source + (0 if alone else 1) * knock), source + knock)
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize("seed", [20, 21, 22])
+def test_a_shock_of_the_source_hides_no_coupling(bench, seed, alone):
+    found = explain(knocked_pair(bench(seed, 300.0), alone=alone)).axes
+    (coupling,) = found["gx"].effects
+    slope = coupling.parameters["slope"]
+    assert coupling.kind == "cross_coupling"
+    assert slope.value == pytest.approx(0.1, abs=0.025 if alone else 3e-3)
+    assert slope.lower < 0.1 < slope.upper
+    assert kinds(found["gy"]) == ["shock", "gauss_markov"]
+
+
+@pytest.mark.parametrize("seed", [20, 21])
+def test_a_coupling_goes_on_beside_a_shock_that_did_not_come_along(bench, seed):
+    b = bench(seed, 600.0)
+    whole = knocked_pair(b, alone=True)
+    n = len(b.t) // 2
+    half = replace(
+        whole,
+        values=whole.values[:n],
+        temperature_c=whole.temperature_c[:n],
+        start_s=whole.start_s[:n],
+        segments=np.array([[0, n]], np.int64),
+    )
+    explanation = explain(half)
+    signal = fit_beside(explanation.held, whole)["gx"].signals["cross_coupling"]
+    assert np.abs(signal).max() < 6 * 0.1 * np.hypot(1, 2) * SIGMA
+    assert np.corrcoef(signal[n:], whole.values[n : len(signal), 1])[0, 1] > 0.999
+
+
+@pytest.mark.parametrize(("here", "there"), [(150, 0), (150, 200), (0, 200)])
+def test_noise_that_follows_an_axis_does_so_beside_a_shock(bench, here, there):
+    """By the same share as without one; it was another noise level instead."""
+    b = bench(31, 600.0)
+    late = np.maximum(b.t - 130.0, 0.0)
+    knock = SIGMA * np.exp(-3 * late) * np.sin(2 * np.pi * 5 * late)
+    envelope = np.repeat(np.exp(b.rng.normal(0, 0.3, 400)), 78)
+    envelope /= np.sqrt(np.mean(envelope**2))
+    axis, source = b.noise() * np.sqrt(0.5 + 0.5 * envelope**2), 3 * envelope * b.noise()
+    found = explain(b.record(axis + here * knock, source + there * knock)).axes["gx"].effects
+    assert [e.kind for e in found] == ["shock"] * bool(here) + ["amplitude_coupling"]
+    assert found[-1].parameters["share"].value == pytest.approx(0.42, abs=0.04)
 
 
 def test_a_share_near_none_has_an_error_and_prints_no_warning():

@@ -10,8 +10,8 @@ from scipy.ndimage import median_filter
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
-from allanscope.explain.effects.shock import _quiet, _tail
 from allanscope.explain.heldout import _contradiction
+from allanscope.explain.shock_removal import _tail, quiet_rows
 from allanscope.explain.shock_rows import _running_median, find_shock_rows
 
 SIGMA = 4e-3 * 52.0**0.5
@@ -77,7 +77,7 @@ def test_levels_beside_a_shock_are_finer_than_a_step_of_the_values():
     first, stop, error = 14_000, 15_920, 2.8 * np.sqrt(1.19 / 1920)
     ends = []
     for seed in range(50):
-        _, level = _quiet(coarse(seed, 0.0)[0], first, stop, 2.8)
+        _, level = quiet_rows(coarse(seed, 0.0)[0], first, stop, 2.8)
         ends.append((level[0], level[-1]))
     assert np.std(ends) == pytest.approx(error, rel=0.2)
     assert np.mean(ends) == pytest.approx(20.5, abs=0.03)

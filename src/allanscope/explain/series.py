@@ -19,6 +19,7 @@ from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from allanscope.allan import AllanBank, Deviation
+from allanscope.explain.shock_removal import extent_of, quiet_rows
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.history import Record
 from allanscope.lazy import once
@@ -32,6 +33,7 @@ __all__ = [
     "SHORTEST_ROWS",
     "SHORTEST_S",
     "Series",
+    "Source",
     "block_means",
     "deviation_of",
     "in_time",
@@ -81,6 +83,27 @@ _PER_OCTAVE = 2
 """Averaging times an octave at which a curve is compared with a model."""
 _AT_THE_RAIL = 1e-4
 """Share of samples at full scale from which an axis is saturated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One axis as what others may follow.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (n,)
+        In dps or g.
+    ordinates : ndarray, shape (n - 1,)
+        DCT-II ordinates.
+    loud, lines : ndarray of bool, shape (n - 1,)
+        Ordinates that hold a line of it, by the median around them; and those in and beside a line
+        that may be as wide as some tens of them.
+    """
+
+    rows: Array
+    ordinates: Array
+    loud: NDArray[np.bool_]
+    lines: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -213,6 +236,11 @@ class Series:
         steps = dict(zip(self.axes, self.lsb, strict=True))
         return tuple(find_shock_rows(rows, self.rate_hz, steps, self.stride))
 
+    @property
+    def all_shocks(self) -> frozenset[int]:
+        """Their numbers."""
+        return frozenset(range(len(self.shocks)))
+
     @once
     def deviation(self) -> Deviation:
         """Deviation of every axis (`deviation_of`)."""
@@ -236,24 +264,39 @@ class Series:
         return np.asarray(dct(centred, axis=1, norm="ortho")[:, 1:])
 
     @once
-    def loud(self) -> NDArray[np.bool_]:
-        """Ordinates that hold a line of their axis, by the median around them, (axes, n - 1)."""
-        return self._above_level > LOUD
+    def sources(self) -> tuple[Source, ...]:
+        """Every axis as measured."""
+        return self._sources(self.values, self.ordinates)
+
+    def source(self, axis: str, shocks: frozenset[int] = frozenset()) -> Source:
+        """Return an axis without some of the shocks of the record, by their numbers."""
+        column = self.column(axis)
+        moving = tuple(k for k in sorted(shocks) if axis in self.shocks[k].sigma)
+        if not moving:
+            return self.sources[column]
+        if (column, moving) not in self._quiet:
+            rows = np.array(self.values[:, column])
+            for shaken in (self.shocks[k] for k in moving):
+                first, stop = extent_of(rows, shaken, self.rate_hz)
+                rows[first:stop] = quiet_rows(rows, first, stop, shaken.sigma[axis])[0]
+            ordinates = np.asarray(dct(rows - rows.mean(), norm="ortho")[1:])
+            self._quiet[column, moving] = self._sources(rows[:, np.newaxis], ordinates[np.newaxis])
+        return self._quiet[column, moving][0]
 
     @once
-    def lines(self) -> NDArray[np.bool_]:
-        """Ordinates in and beside a line of their axis that may be as wide as some tens of them."""
-        means = uniform_filter1d(self._above_level, _WIDTH, axis=1)
-        return np.array([_beside(one > _STANDS_OUT) for one in means])
+    def _quiet(self) -> dict[tuple[int, tuple[int, ...]], tuple[Source, ...]]:
+        """Axes without shocks, by column and numbers."""
+        return {}
 
-    @once
-    def _above_level(self) -> Array:
-        """Power of every ordinate over that of the noise around it, by the median of its bin."""
-        power = self.ordinates**2
+    def _sources(self, values: Array, ordinates: Array) -> tuple[Source, ...]:
+        """Return some axes with where their lines are."""
+        power = ordinates**2  # of every ordinate over that of the noise around it
         for low, high in pairwise([*self.grid.edges, power.shape[1]]):
             level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
             power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
-        return power
+        means = uniform_filter1d(power, _WIDTH, axis=1)
+        lines = (_beside(one > _STANDS_OUT) for one in means)
+        return tuple(map(Source, values.T, ordinates, power > LOUD, lines))
 
 
 def deviation_of(values: Array, rate_hz: float) -> Deviation:

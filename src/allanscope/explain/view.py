@@ -13,7 +13,7 @@ from scipy.fft import dct
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.crowded_codes import CrowdedCode, crowded_codes, missing_codes
 from allanscope.explain.effect import SearchStep
-from allanscope.explain.series import Series, in_time
+from allanscope.explain.series import Series, Source, in_time
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter, StepScan
 from allanscope.explain.values import step_of
 from allanscope.lazy import once
@@ -125,7 +125,7 @@ class View:
     def ordinates(self) -> Array:
         """DCT-II ordinates of the data without the mean, shape (n - 1,)."""
         if all(c.signal is None for c in self.accepted):
-            return self.source_ordinates(self.axis)
+            return np.asarray(self.series.ordinates[self.series.column(self.axis)])
         return np.asarray(dct(self.data - self.data.mean(), norm="ortho")[1:])
 
     @once
@@ -241,21 +241,27 @@ class View:
         """Return the unit of another axis."""
         return unit_of(axis)
 
-    def cleaned_source(self, axis: str) -> Array:
-        """Another axis, as measured."""
-        return np.asarray(self.series.values[:, self.series.column(axis)])
+    @once
+    def shocks_taken(self) -> frozenset[int]:
+        """Numbers of the shocks of the record that have been taken out of this axis."""
+        taken = [c.signal for c in self.accepted if c.kind == "shock" and c.signal is not None]
+        if not taken:
+            return frozenset()
+        gone = np.any(taken, axis=0)
+        return frozenset(
+            k for k, one in enumerate(self.series.shocks) if gone[one.first : one.stop].any()
+        )
 
-    def source_ordinates(self, axis: str) -> Array:
-        """Ordinates of another axis, as measured."""
-        return np.asarray(self.series.ordinates[self.series.column(axis)])
+    def sources(self, axis: str) -> tuple[Source, ...]:
+        """Return another axis as this one may follow it.
 
-    def source_is_loud(self, axis: str) -> NDArray[np.bool_]:
-        """Tell which ordinates of another axis hold a line."""
-        return np.asarray(self.series.loud[self.series.column(axis)])
-
-    def source_has_line(self, axis: str) -> NDArray[np.bool_]:
-        """Tell which ordinates of another axis are in a line or beside one."""
-        return np.asarray(self.series.lines[self.series.column(axis)])
+        A shock that was taken out of this axis is out of the other too. One that the other has
+        alone either came along, too softly to be taken out, or it did not.
+        """
+        taken = self.shocks_taken
+        own = frozenset(k for k, one in enumerate(self.series.shocks) if axis in one.axes)
+        shocks = (taken,) if own <= taken else (taken, taken | own)
+        return tuple(self.series.source(axis, some) for some in shocks)
 
     def changed(self, **changes: Any) -> View:
         """Return the view with other fields, and with what is known of data that stay as they are.

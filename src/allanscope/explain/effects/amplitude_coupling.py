@@ -107,11 +107,12 @@ class AmplitudeCoupling(EffectKind):
         squares, size, kept = _squares(view)
         if len(squares) < _FEWEST:
             return []
-        own = _spread(_motion(view.samples, size), size)
+        own = _spread(_motion(view.samples, size)[kept], size)
         found = []
-        for source, level, motion in _sources(view, size):
+        sources = list(_sources(view, size))
+        for source, level, motion in sources:
             q = motion[kept]
-            if _spread(motion, size) > max(_SOURCE * own, _MOVES * 2 / size):
+            if _spread(q, size) > max(_SOURCE * own, _MOVES * 2 / size):
                 power = _power(squares, q)
                 share = _fit(power, q)
                 freedom = _freedom(power, size, q, share)
@@ -123,7 +124,7 @@ class AmplitudeCoupling(EffectKind):
         if gain < _CLEARLY:
             return []
         q = motion[kept]
-        looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
+        looked_at = float(np.log(len(sources)))
         step = min(_STEP, share / 2, (1 - share) / 2)  # beyond 0 and 1 there is no likelihood
         sides = (_gains(power, freedom, q, x).sum() for x in (share - step, share + step))
         information = (2 * gain - sum(sides)) / step**2
@@ -177,13 +178,13 @@ class AmplitudeCoupling(EffectKind):
     def _followed(self, view: View) -> tuple[Array, Array, float]:
         """Return the power of the blocks, that of what it follows, and the freedom of a block."""
         squares, size, kept = _squares(view)
-        motion = next(
-            q
-            for source, level, q in _sources(view, size)
-            if source == self.source.value and level == self.of_the_level
-        )
-        power = _power(squares, motion[kept])
-        return power, motion[kept], _freedom(power, size, motion[kept], self.share.value)
+        share, found = self.share.value, []
+        for source, level, motion in _sources(view, size):
+            if (source, level) == (self.source.value, self.of_the_level):
+                q = motion[kept]
+                power = _power(squares, q)
+                found.append((power, q, _freedom(power, size, q, share)))
+        return max(found, key=lambda one: float(_gains(one[0], one[2], one[1], share).sum()))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Fit every second stretch of the record, and judge by those between.
@@ -247,8 +248,7 @@ def _motion(x: Array, size: int) -> Array:
 def _sources(view: View, size: int) -> Iterator[tuple[str, bool, Array]]:
     """Yield the other axes with the mean squares of their blocks, of the motion and the level."""
     for axis in view.series.axes:
-        if axis != view.axis:
-            x = view.cleaned_source(axis)
+        for x in (one.rows for one in view.sources(axis) if axis != view.axis):
             motion = _motion(x, size)
             yield axis, False, motion
             means = x[: len(motion) * size].reshape(-1, size).mean(axis=1)

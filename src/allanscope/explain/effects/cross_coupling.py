@@ -15,6 +15,9 @@ probable,
 
 Where neither is, both axes list the coupling, but only one is cleaned of it: two axes that are each
 cleaned of the other would both lack what they share.
+
+Next to a shock all else is small. One that was taken out of this axis is out of the source as well;
+of one that the source has alone the likelihood tells whether it came along.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved_signal
-from allanscope.explain.series import LOUD, multiple_of
+from allanscope.explain.series import LOUD, Source, multiple_of
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 
@@ -57,6 +60,8 @@ _UNEQUAL = 0.01
 _FEWEST, _WIDTH, _ROUNDS = 16, 0.3, 3
 """Ordinates at the least, and share of its frequency, in a band with a level of its own; and times
 that the slope is found again beside the levels."""
+_SAME_VALUE = 1e-6
+"""Of its scatter, by which the value that a signal ends with may differ from itself by rounding."""
 _GONE, _THERE = 4.0, 10.0
 """Standard errors of its power above the noise up to which nothing is left of a line, and from
 which it is there."""
@@ -117,74 +122,117 @@ class CrossCoupling(EffectKind):
         return _candidate(view, str(self.source.value), own)
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
-        """Follow the other axis with the slope that is known."""
-        if not self.removed:
+        """Follow the other axis from there on with the slope that is known."""
+        if candidate.signal is None:
             return candidate
-        x = view.cleaned_source(str(self.source.value))
-        return replace(candidate, signal=self.slope.value * (x - x.mean()))
+        column = view.series.column(str(self.source.value))
+        known, follows = candidate.signal, self.slope.value * view.series.values[:, column]
+        away = np.abs(known - known[-1]) > _SAME_VALUE * known.std()
+        size = int(np.flatnonzero(away)[-1]) + 2 if away.any() else 0
+        level = np.median((follows - known)[:size]) if size else follows.mean()
+        signal = np.append(known[:size], follows[size:] - level)
+        return replace(candidate, signal=signal)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the slope by interleaved blocks; quarters must agree."""
-        x = view.cleaned_source(str(self.source.value))
-        return interleaved_signal(view, x[np.newaxis], candidate.gain)
+        own = _without_temperature(view, view.ordinates)
+        follows = _followed(view, str(self.source.value), own)
+        assert follows is not None
+        return interleaved_signal(view, follows.source.rows[np.newaxis], candidate.gain)
 
 
-def _candidate(view: View, source: str, d: Array) -> Candidate | None:
-    """Regress the ordinates of an axis, `d` without the temperature, on those of a source."""
-    x = view.cleaned_source(source)
-    ordinates = view.source_ordinates(source)
-    if not np.any(ordinates):
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """The regression of an axis on another one.
+
+    Attributes
+    ----------
+    source : Source
+        The other axis, without what does not belong to what this one has of it.
+    ordinates, weight : ndarray, shape (n - 1,)
+        Its ordinates without the temperature, and what each counts.
+    slope, normal : float
+        Likeliest slope, and the inverse of its variance.
+    """
+
+    source: Source
+    ordinates: Array
+    weight: Array
+    slope: float
+    normal: float
+
+    @property
+    def gain(self) -> float:
+        """Log-likelihood that the slope gains."""
+        return self.slope**2 * self.normal / 2
+
+
+def _followed(view: View, name: str, d: Array) -> _Followed | None:
+    """Regress the ordinates of an axis, `d` without the temperature, on those of a source.
+
+    Of what may be out of the source, as the data are likelier.
+    """
+    found = (_regressed(view, source, d) for source in view.sources(name))
+    return max(filter(None, found), key=lambda one: one.gain, default=None)
+
+
+def _regressed(view: View, source: Source, d: Array) -> _Followed | None:
+    if not np.any(source.ordinates):
         return None
-    e = _without_temperature(view, ordinates)
-    loud = view.source_is_loud(source) | (view.squares > LOUD * view.spectrum.ordinates)
-    loud |= view.source_has_line(view.axis) | view.source_has_line(source)
+    e = _without_temperature(view, source.ordinates)
+    own = view.series.source(view.axis, view.shocks_taken)
+    loud = source.loud | source.lines | own.lines
+    loud |= view.squares > LOUD * view.spectrum.ordinates
     weight = (view.spectrum.kept & ~loud) / view.spectrum.ordinates
     weight[:_FIRST] = 0.0
     normal = float(np.sum(e * e * weight))
     if normal <= 0:
         return None
-    slope = float(np.sum(e * d * weight)) / normal
-    z2 = slope**2 * normal
-    others = len(view.series.axes) - 1
-    price = float(chdtri(1, ALPHA / others)) / 2
-    if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
+    return _Followed(source, e, weight, float(np.sum(e * d * weight)) / normal, normal)
+
+
+def _candidate(view: View, name: str, d: Array) -> Candidate | None:
+    """Return the coupling from a source as a candidate; `d` as in `_followed`."""
+    found = _followed(view, name, d)
+    if found is None:
+        return None
+    alternatives = (len(view.series.axes) - 1) * len(view.sources(name))
+    price = float(chdtri(1, ALPHA / alternatives)) / 2
+    if found.gain < price or not _same_everywhere(d, found):
         return None
     # Of two that are one signal neither couples into the other.
-    if multiple_of(view.series, view.axis, source) is not None or not _in_phase(
-        view, x, weight, z2
-    ):
+    if multiple_of(view.series, view.axis, name) is not None or not _in_phase(view, found):
         return None
-    telling = _direction(view, source) / max(1.0, _UNEQUAL * z2 / 2 / _AMBIGUOUS)
+    telling = _direction(view, name) / max(1.0, _UNEQUAL * found.gain / _AMBIGUOUS)
     if telling < -_AMBIGUOUS:
         return None
     column = view.series.column
-    removed = bool((telling, column(view.axis)) > (0.0, column(source)))
-    unit = f"{view.unit}/{view.unit_of(source)}"
-    slope, error = _measured(view, (d, e), view.ordinates - slope * ordinates, loud)
-    effect = CrossCoupling(Parameter(source), Estimate.of(slope, error, unit), telling, removed)
+    removed = bool((telling, column(view.axis)) > (0.0, column(name)))
+    unit = f"{view.unit}/{view.unit_of(name)}"
+    slope, error = _measured(view, d, found)
+    effect = CrossCoupling(Parameter(name), Estimate.of(slope, error, unit), telling, removed)
+    x = found.source.rows
     return Candidate(
         effect,
-        z2 / 2,
+        found.gain,
         price + float(np.log(ALPHA)),
         signal=slope * (x - x.mean()) if removed else None,
-        rivals={} if _is_seen_fast(view, d, e, weight, price) else {"temperature": z2 / 2},
-        axes=(view.axis, source) if effect.is_open else (view.axis,),
+        rivals={} if _is_seen_fast(view, d, found, price) else {"temperature": found.gain},
+        axes=(view.axis, name) if effect.is_open else (view.axis,),
     )
 
 
-def _measured(
-    view: View, both: tuple[Array, Array], rest: Array, loud: NDArray[np.bool_]
-) -> tuple[float, float]:
+def _measured(view: View, d: Array, found: _Followed) -> tuple[float, float]:
     """Return the slope and its error under the noise that is left without the coupling.
 
     As found, what leaks in counts as noise of the axis: where the source is loudest, and tells
     most, the axis seems loudest too. That is right for a detection, too wide for an interval.
     """
+    rest = view.ordinates - found.slope * found.source.ordinates
     power = view.grid.binned(rest**2, view.excluded)[0]
     spectrum = view.fitter.fit(power, view.spectrum.powers)
-    weight = (spectrum.kept & ~loud) / spectrum.ordinates
-    weight[:_FIRST] = 0.0
-    d, e = both
+    weight = (found.weight > 0) / spectrum.ordinates
+    e = found.ordinates
     normal = float(np.sum(e * e * weight))
     return float(np.sum(e * d * weight)) / normal, float(1 / np.sqrt(normal))
 
@@ -204,16 +252,18 @@ def _without_temperature(view: View, ordinates: Array) -> Array:
     return rest
 
 
-def _is_seen_fast(view: View, d: Array, e: Array, weight: Array, price: float) -> bool:
+def _is_seen_fast(view: View, d: Array, found: _Followed, price: float) -> bool:
     """Return whether frequencies at which no temperature moves are enough to see it."""
+    e, weight = found.ordinates, found.weight
     first = int(_SLOW_HZ * 2 * view.grid.n / view.grid.rate_hz)
     normal = float(np.sum(e[first:] ** 2 * weight[first:]))
     score = float(np.sum(e[first:] * d[first:] * weight[first:]))
     return score**2 > 2 * price * normal
 
 
-def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
+def _same_everywhere(d: Array, found: _Followed) -> bool:
     """Return whether the slopes in separate bands agree with the common one (1 in 1000)."""
+    e, weight, slope = found.ordinates, found.weight, found.slope
     bounds = np.unique(np.geomspace(_FIRST, len(d), _BANDS + 1).astype(int))
     distance, freedom = 0.0, -1
     for low, high in pairwise(bounds):
@@ -225,13 +275,13 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
     return freedom < 1 or bool(chdtrc(freedom, distance) > 1e-3)
 
 
-def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
-    """Return whether the quadrature part of the cross-spectrum is nothing, or little beside z2.
+def _in_phase(view: View, found: _Followed) -> bool:
+    """Return whether the quadrature part of the cross-spectrum is nothing, or little of the gain.
 
     Judged above the frequencies of drifts, which differ in time from axis to axis. The scatter of
     every band is that of the model or, where it is larger, that of the bins themselves.
     """
-    n = view.grid.n
+    n, x, weight = view.grid.n, found.source.rows, found.weight
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
     size = np.sqrt(n * np.mean(taper**2))
     y = view.data - view.data.mean()
@@ -254,22 +304,20 @@ def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
             scatter = max(modelled, float(np.sum(turned[low:high] ** 2)))
             distance += float(np.sum(turned[low:high])) ** 2 / (_OF_THE_TAPER * scatter)
             freedom += 1
-    little = distance - freedom < _IN_QUADRATURE * z2
+    little = distance - freedom < _IN_QUADRATURE * 2 * found.gain
     return freedom == 0 or little or bool(chdtrc(freedom, distance) > _TURNED_P)
 
 
-def _direction(view: View, source: str) -> float:
+def _direction(view: View, name: str) -> float:
     """Gain of this axis taking from the source less that of the source taking from this axis.
 
-    Both as measured, each with a level of its own in every narrow band: what a model of the noise
-    misses would tell a direction. A line that came along with the rest has one origin, and taking
-    the right share of the right axis removes it. One that neither removes is not from the coupling.
+    Both as measured but for shocks, each with a level of its own in every narrow band: what a model
+    of the noise misses would tell a direction. A line or a shock that came along with the rest has
+    one origin, and taking the right share of the right axis removes it. One that neither removes is
+    not from the coupling.
     """
-    series = view.series
-    columns = [series.column(view.axis), series.column(source)]
-    lines: NDArray[np.bool_] = np.logical_or.reduce(
-        series.loud[columns] | series.lines[columns], axis=0
-    )
+    pair = [view.series.source(axis, view.series.all_shocks) for axis in (view.axis, name)]
+    lines: NDArray[np.bool_] = np.logical_or.reduce([one.loud | one.lines for one in pair])
     lines[:_FIRST] = False
     edges = [_FIRST]
     while (edge := edges[-1] + max(_FEWEST, int(_WIDTH * edges[-1]))) < len(lines) - _FEWEST:
@@ -280,19 +328,20 @@ def _direction(view: View, source: str) -> float:
     changes = np.flatnonzero(np.diff(lines, prepend=False))
     runs = _Bands.of(changes.tolist(), lines) if len(changes) else None
 
-    def rest(ordinates: Array, of: Array) -> Array:
-        left = ordinates
+    def slope_of(ordinates: Array, of: Array) -> float:
+        left, slope = ordinates, 0.0
         for _ in range(_ROUNDS):
             weight = noise.spread(1 / noise.power(left), len(lines))
             normal = float(np.sum(of**2 * weight))
             slope = float(np.sum(of * ordinates * weight)) / normal if normal > 0 else 0.0
             left = ordinates - slope * of
-        return left
+        return slope
 
-    own, other = (series.ordinates[column] for column in columns)
-    both = (own, rest(own, other)), (other, rest(other, own))
+    own, other = (one.ordinates for one in pair)
+    slopes = slope_of(own, other), slope_of(other, own)
+    both = (own, own - slopes[0] * other), (other, other - slopes[1] * own)
     gains = [noise.count * np.log(noise.power(x) / noise.power(y)) / 2 for x, y in both]
-    telling = float(np.sum(gains[0] - gains[1]))
+    telling = float(np.sum(gains[0] - gains[1])) + _told_by_shocks(view, name, slopes)
     if runs is None:
         return telling
 
@@ -300,10 +349,41 @@ def _direction(view: View, source: str) -> float:
         level = np.interp(runs.middle, noise.middle, noise.power(ordinates))
         return (runs.power(ordinates) / level - 1) * np.sqrt(runs.count / 2)
 
-    before, after = (np.sort([above(pair[i]) for pair in both], axis=0) for i in (0, 1))
-    came_along = (before[0] > _GONE) & (after[0] < _GONE) & (after[1] > _THERE)
+    before, after = ([above(pair[i]) for pair in both] for i in (0, 1))
+    came_along = _came_along(before, after)
     gains = [runs.count * np.log(runs.power(x) / runs.power(y)) / 2 for x, y in both]
     return telling + float(np.sum((gains[0] - gains[1])[came_along]))
+
+
+def _came_along(before: list[Array], after: list[Array]) -> NDArray[np.bool_]:
+    """Tell what is on both axes, and gone from one of the two once its share of the other is.
+
+    Both hold powers above the noise of both axes, in standard errors.
+    """
+    first, last = np.sort(before, axis=0), np.sort(after, axis=0)
+    return np.asarray((first[0] > _GONE) & (last[0] < _GONE) & (last[1] > _THERE))
+
+
+def _told_by_shocks(view: View, name: str, slopes: tuple[float, float]) -> float:
+    """Return what the shocks that came along add to the direction."""
+    own, other = (view.series.source(axis).rows for axis in (view.axis, name))
+    both = (own, own - slopes[0] * other), (other, other - slopes[1] * own)
+    telling = 0.0
+    for shaken in view.series.shocks:
+        first, stop = shaken.first, shaken.stop
+        before, after = ([_above(pair[i], first, stop) for pair in both] for i in (0, 1))
+        if _came_along(before, after):
+            gains = [np.log(x[first:stop].var() / left[first:stop].var()) for x, left in both]
+            telling += (stop - first) / 2 * float(gains[0] - gains[1])
+    return telling
+
+
+def _above(x: Array, first: int, stop: int) -> Array:
+    """Return the power of some rows above that of as many elsewhere, in standard errors."""
+    size = stop - first
+    usual = np.median(x[: len(x) // size * size].reshape(-1, size).var(axis=1))
+    power = x[first:stop].var() / max(float(usual), np.finfo(float).tiny)
+    return np.asarray((power - 1) * np.sqrt(size / 2))
 
 
 @dataclass(frozen=True)

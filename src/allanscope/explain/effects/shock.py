@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
@@ -27,6 +26,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.noise_level_border import instant_of
+from allanscope.explain.shock_removal import MARGIN_S, extent_of, quiet_rows
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
@@ -38,20 +38,10 @@ _SWITCHED, _HALF = 5.0, 0.5
 the share of the power that must be over when what shook the board is."""
 _OFF_ROWS = 12
 """Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
-_MARGIN_S = 0.3
-"""Before and after what is loud, taken out too."""
-_BLOCKS = 10
-"""Blocks before a shock that tell how loud noise is by chance."""
-_ALIKE_ROWS, _ALIKE_SIZES = 50, 4
-"""Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
-_LEVELS = 3.0
-"""Standard errors from which the levels before and after a shock differ."""
 _FAR = 6.0
 """Standard errors within which the largest row of a shock is."""
 _LINED = 1.5
 """Scatter of what lies beside a shock, in sigma, from which lines are a part of it."""
-_ROBUST = 1.19
-"""Variance of the mean of the middle half of Gaussian noise over that of the mean of all."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +87,7 @@ class Shock(EffectKind):
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another shock is the same."""
         del grid
-        return abs(self.time.value - other.time.value) < self.duration.value + _MARGIN_S
+        return abs(self.time.value - other.time.value) < self.duration.value + MARGIN_S
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
@@ -116,7 +106,7 @@ class Shock(EffectKind):
         del known
         times = _ends(other.effect)
         first, stop = (row / view.grid.rate_hz for row in _extent(self, view))
-        first, stop = first - _MARGIN_S, stop + _MARGIN_S
+        first, stop = first - MARGIN_S, stop + MARGIN_S
         is_within = bool(times) and all(first <= time <= stop for time in times)
         has_one = any(first <= t <= stop for c in view.accepted for t in _ends(c.effect))
         return "part of a shock" if is_within and (len(times) > 1 or has_one) else ""
@@ -127,7 +117,7 @@ def _shaken(view: View) -> Iterable[ShockRows]:
     if not any("source" in c.effect.parameters for c in view.accepted):
         return view.series.shocks
     axes = view.series.axes
-    rows = {axis: view.cleaned_source(axis) for axis in axes} | {view.axis: view.data}
+    rows = {axis: view.series.source(axis).rows for axis in axes} | {view.axis: view.data}
     steps = dict(zip(axes, view.series.lsb, strict=True))
     return find_shock_rows(rows, view.grid.rate_hz, steps, view.series.stride)
 
@@ -153,10 +143,8 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate | None:
     sigma = shaken.sigma[view.axis]
     if _goes_on(view.data, shaken.first, shaken.stop, sigma):
         return None
-    margin = int(np.ceil(_MARGIN_S * rate))
-    first = max(0, shaken.first - margin)
-    stop = min(n, shaken.stop + _tail(view.data, first, shaken.stop, margin) + margin)
-    rest, level = _quiet(view.data, first, stop, sigma)
+    first, stop = extent_of(view.data, shaken, rate)
+    rest, level = quiet_rows(view.data, first, stop, sigma)
     signal = np.zeros(n)
     signal[first:stop] = view.data[first:stop] - rest
     duration = (shaken.stop - shaken.onset[0]) / rate
@@ -191,30 +179,6 @@ def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:
     return bool(lasts and inside - other < _HALF * (inside - one))
 
 
-def _tail(data: Array, first: int, stop: int, size: int) -> int:
-    """Return the rows for which a shock rings on below what is loud, in blocks of a size.
-
-    A ringing falls: each block is louder than all of those before the shock, and quieter than the
-    last one. Slopes are the level's.
-    """
-    begins = range(max(first % size, first - _BLOCKS * size), first, size)
-    quiet = max((_loudness(data[i : i + size]) for i in begins), default=np.inf)
-    rows, last = 0, np.inf
-    while stop + rows + size <= len(data):
-        loud = _loudness(data[stop + rows : stop + rows + size])
-        if not quiet < loud < last:
-            break
-        rows, last = rows + size, loud
-    return rows
-
-
-def _loudness(rows: Array) -> float:
-    """Return the mean square of rows about a straight line."""
-    time = np.arange(len(rows)) - (len(rows) - 1) / 2
-    rest = rows - rows.mean()
-    return float(np.mean((rest - time * (time @ rest) / max(time @ time, 1.0)) ** 2))
-
-
 def _peak(size: Array, sigma: float, unit: str) -> Estimate:
     """Return the largest of some sizes to each of which noise was added.
 
@@ -229,53 +193,3 @@ def _peak(size: Array, sigma: float, unit: str) -> Estimate:
     below = np.prod(ndtr((at - near[:, np.newaxis]) / sigma), axis=0)
     mean = at[-1] - float(np.trapezoid(below, at))
     return Estimate.of(2 * largest - mean, sigma, unit)
-
-
-def _quiet(data: Array, first: int, stop: int, sigma: float) -> tuple[Array, Array]:
-    """Return the level from before to after with noise on it, and the level alone.
-
-    The level is straight; where it is clearly another one afterwards it changes in the middle, so
-    that one step is all there is left of it. The noise goes on from before and leads to what comes
-    after: a line in it must not break off.
-    """
-    size = stop - first
-    before, after = data[max(0, first - size) : first], data[stop : stop + size]
-    ends = [_level(side) for side in (before, after) if len(side)]
-    level = np.linspace(ends[0], ends[-1], size)
-    counts = [len(side) for side in (before, after) if len(side)]
-    error = sigma * float(np.sqrt(sum(_ROBUST / count for count in counts)))
-    if abs(ends[-1] - ends[0]) > _LEVELS * error:
-        level = np.where(np.arange(size) < size // 2, ends[0], ends[-1])
-    onward, back = _continued(data[:first], size), _continued(data[stop:][::-1], size)
-    turn = np.pi / 2 * (np.arange(size) + 0.5) / size
-    if onward is not None and back is not None:
-        noise = np.cos(turn) * onward + np.sin(turn) * back[::-1]  # the power stays
-    elif onward is not None:
-        noise = onward
-    elif back is not None:
-        noise = back[::-1]
-    else:
-        rest = np.concatenate([before, after])
-        noise = np.resize(rest - _level(rest), size)
-    return np.asarray(level + noise), level
-
-
-def _level(rows: Array) -> float:
-    """Return the mean of the middle half of some rows.
-
-    A median of coarse values is one of them, and goes a whole step where the level hardly moves.
-    """
-    cut = len(rows) // 4
-    return float(np.mean(np.sort(rows)[cut : len(rows) - cut]))
-
-
-def _continued(rows: Array, size: int) -> Array | None:
-    """Return rows that go on from some, taken from where these were most alike before."""
-    near = rows[-(_ALIKE_SIZES * size + _ALIKE_ROWS) :]
-    if len(near) < size + 2 * _ALIKE_ROWS:
-        return None
-    near = near - _level(near[-size - _ALIKE_ROWS :])
-    windows = sliding_window_view(near[:-size], _ALIKE_ROWS)
-    apart = np.sum((windows - near[-_ALIKE_ROWS:]) ** 2, axis=1)
-    begin = int(np.argmin(apart)) + _ALIKE_ROWS
-    return near[begin : begin + size]

@@ -176,6 +176,8 @@ def test_what_happens_at_one_time_is_one_event():
         "steps, excursion and noise level change at 5 min to 5 min 25 s"
     )
     assert sizes({"gx": [step(300.0)], "gy": [step(302.0)]}) == [1, 1]
+    shock = effect("shock", time=(300.0, 0.1, "s"), duration=(6.0, 0.1, "s"), peak=(9.0, 1.0, "g"))
+    assert sizes({"ax": [shock], "ay": [step(303.0)], "gx": [step(308.0)]}) == [2, 1]
 
 
 def band(low, high):

@@ -261,7 +261,7 @@ def test_intervals_of_another_level_are_weighed_by_what_their_search_costs(bench
     series = series_of(b.record(axis, motion * b.noise()))
     view = View(series, series.grid, "gx", series.values[:, 0], series.lsb[0])
     (alone,) = AmplitudeCoupling.propose(view)
-    for ahead, named in ((-6.0, True), (-4.0, False)):  # of what each gains beyond its penalty
+    for ahead, named in ((-7.0, True), (-4.0, False)):  # of what each gains beyond its penalty
         rival = replace(alone, gain=alone.gain + 9.0 + ahead, log_alternatives=9.0)
         monkeypatch.setattr(VarianceChange, "propose", lambda _, rival=rival: [rival])
         assert bool(AmplitudeCoupling.propose(view)) == named

@@ -60,6 +60,25 @@ def test_a_knock_is_one_shock_at_one_time_on_the_axes_that_it_moves(knocked):
     assert shocks["gx"][0].axes == ("gx", "gy", "gz")
 
 
+@pytest.mark.parametrize(
+    ("lasts_s", "kind"), [(1.2, "shock"), (1.6, "shock"), (20.0, "excursion"), (900.0, "step")]
+)
+@pytest.mark.parametrize("seed", [630, 631])
+def test_what_is_over_with_a_shock_of_other_axes_is_that_shock(bench, seed, lasts_s, kind):
+    """It was an excursion or steps of its own where no row is loud."""
+    b = bench(seed, 300.0)
+    moved = 1.2 * SIGMA * ((b.t >= AT_S) & (b.t < AT_S + lasts_s))
+    shaken = [b.noise() + ringing(b.t, peak * SIGMA) for peak in (30, 40)]
+    axes = explain(b.record(*shaken, b.noise() + moved, b.noise())).axes
+    (found,) = axes["gz"].effects
+    assert found.kind == kind
+    if lasts_s > 1.5:  # a shorter one may be found by its power, and look higher
+        size = found.parameters["peak" if kind == "shock" else "size"]
+        assert size.lower < 1.2 * SIGMA < size.upper
+    assert found.axes == (("gx", "gy", "gz") if kind == "shock" else ("gz",))
+    assert not axes["ax"].effects
+
+
 def test_beside_it_stands_the_level_that_it_leaves_and_nothing_else(knocked):
     kinds = {axis: [e.kind for e in found.effects] for axis, found in knocked.axes.items()}
     assert kinds == {"gx": ["shock", "step"], "gy": ["shock"], "gz": ["shock"], "ax": []}

@@ -309,12 +309,24 @@ def line_of(effect: Effect) -> tuple[float, float, float, float] | None:
 
 
 def _at_once(a: Effect, b: Effect) -> bool:
-    """Return whether two events begin or end at one time."""
-    return any(
-        abs(one.value - other.value) <= max(_AT_ONCE_S, _half(one) + _half(other))
-        for one in _edges(a)
-        for other in _edges(b)
+    """Return whether two events begin or end at one time, or one within the other."""
+    return (
+        _is_within(a, b)
+        or _is_within(b, a)
+        or any(
+            abs(one.value - other.value) <= max(_AT_ONCE_S, _half(one) + _half(other))
+            for one in _edges(a)
+            for other in _edges(b)
+        )
     )
+
+
+def _is_within(event: Effect, shock: Effect) -> bool:
+    """Return whether an event begins or ends within a shock."""
+    if shock.traits.motion != "burst" or "duration" not in shock.parameters:
+        return False
+    first, last = _edges(shock)
+    return any(first.value <= edge.value <= last.value for edge in _edges(event))
 
 
 def event_times(effect: Effect) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ too: it rings less, and its rows tell as little of the noise.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -30,6 +30,7 @@ from allanscope.explain.shock_removal import MARGIN_S, extent_of, quiet_rows
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
+from allanscope.quantities import MAD_TO_SIGMA
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,9 @@ _OFF_ROWS = 12
 """Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
 _FAR = 6.0
 """Standard errors within which the largest row of a shock is."""
+_LONGEST_PULSE_S, _BESIDE_S = 2.5, 5.0
+"""A change of the level that is over so soon after a shock of other axes is that shock; and the
+time beside it that tells the noise."""
 _LINED = 1.5
 """Scatter of what lies beside a shock, in sigma, from which lines are a part of it."""
 
@@ -101,6 +105,23 @@ class Shock(EffectKind):
         ]
         return [one for one in found if one is not None]
 
+    @classmethod
+    def instead_of(cls, view: View, candidate: Candidate) -> Candidate | None:
+        """Return a shock of other axes that a change of level or noise is, if it is over with it.
+
+        What is too soft here to be found by its rows looks like steps, an excursion or a burst.
+        """
+        rate = view.grid.rate_hz
+        margin, longest = MARGIN_S * rate, _LONGEST_PULSE_S * rate
+        rows = [time * rate for time in _ends(candidate.effect) or _stretch(candidate.effect, view)]
+        for shaken in view.series.shocks if rows else ():
+            last = max(shaken.stop + margin, shaken.first + longest)
+            within = shaken.first - margin <= rows[0] and rows[-1] <= last
+            if view.axis not in shaken.axes and within and not shaken.is_off:
+                stop = max(shaken.stop, int(np.ceil(rows[-1])))
+                return _softly(view, replace(shaken, stop=stop, rings={}), candidate)
+        return None
+
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
         """Refuse changes of the level within it: what is left of a shock is one step at most."""
         del known
@@ -131,6 +152,12 @@ def _ends(effect: EffectKind) -> list[float]:
     return times if length is None else [*times, times[0] + float(length.value)]
 
 
+def _stretch(effect: EffectKind, view: View) -> list[float]:
+    """Return when the noise begins and ends to be louder, in s from the first row."""
+    ends = (effect.parameters.get(name) for name in ("start", "stop"))
+    return [float(one.value) - view.series.start_s for one in ends if one is not None]
+
+
 def _extent(effect: Shock, view: View) -> tuple[int, int]:
     """Return the first row of a shock and the one after its last."""
     rate = view.grid.rate_hz
@@ -138,7 +165,8 @@ def _extent(effect: Shock, view: View) -> tuple[int, int]:
     return round(first), round(first + effect.duration.value * rate)
 
 
-def _candidate(view: View, shaken: ShockRows) -> Candidate | None:
+def _candidate(view: View, shaken: ShockRows, peak: Estimate | None = None) -> Candidate | None:
+    """Return a shock without its rows; None where it is none. Its peak is that of its rows."""
     rate, n = view.grid.rate_hz, len(view.data)
     sigma = shaken.sigma[view.axis]
     if _goes_on(view.data, shaken.first, shaken.stop, sigma):
@@ -155,13 +183,37 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate | None:
             size = np.abs(signal[first:stop])
         gain, off = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0))), _OFF_ROWS / rate
         lasts = Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s")
-        peak = _peak(size, sigma, view.unit)
+        peak = peak or _peak(size, sigma, view.unit)
     else:  # of decay times in a ratio of two
         gain, lasts = ring.gain, Estimate(duration, duration / 2, duration * 2, "s")
         peak = Estimate.of(ring.peak[0] * sigma, ring.peak[1] * sigma, view.unit)
     end = ("first" if shaken.first == 0 else "last") if shaken.is_off else None
     effect = Shock(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak, end)
     return Candidate(effect, gain, shaken.log_alternatives, signal=signal)
+
+
+def _softly(view: View, shaken: ShockRows, candidate: Candidate) -> Candidate | None:
+    """Return the shock in the place of a change; None where that is left without its rows.
+
+    Its gain, and the peak of what has a size, are those of the change: its rows are too soft.
+    """
+    beside = int(_BESIDE_S * view.grid.rate_hz)
+    first, stop = shaken.first, shaken.stop
+    sides = view.data[max(0, first - beside) : first], view.data[stop : stop + beside]
+    rest = np.concatenate([rows - np.median(rows) for rows in sides if len(rows)])
+    sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), 0.5 * view.step)
+    size = candidate.effect.parameters.get("size")
+    peak = (
+        Estimate.of(abs(size.value), size.error, view.unit) if isinstance(size, Estimate) else None
+    )
+    found = _candidate(view, replace(shaken, sigma={view.axis: sigma}), peak)
+    held = candidate.effect.hold_out(view, candidate)
+    if found is None or (held is not None and held.nats <= held.error):
+        return None
+    left = candidate.effect.refine(view.accept(found))
+    if left is not None and left.excess > 0:
+        return None
+    return replace(found, gain=candidate.gain, log_alternatives=candidate.log_alternatives)
 
 
 def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:

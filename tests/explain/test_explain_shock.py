@@ -79,6 +79,17 @@ def test_what_is_over_with_a_shock_of_other_axes_is_that_shock(bench, seed, last
     assert not axes["ax"].effects
 
 
+@pytest.mark.parametrize("seed", [632, 633])
+def test_a_pulse_that_outlasts_the_shock_on_other_axes_is_part_of_it(bench, seed):
+    """It was an excursion, and a shock in what that had left."""
+    b = bench(seed, 300.0)
+    pulse = 8 * SIGMA * ((b.t >= AT_S) & (b.t < AT_S + 2.2))
+    shaken = [b.noise() + ringing(b.t, peak * SIGMA, lasts=0.6) for peak in (30, 40)]
+    (found,) = explain(b.record(*shaken, b.noise() + pulse)).axes["gz"].effects
+    assert found.kind == "shock"
+    assert found.parameters["duration"].value == pytest.approx(2.2, abs=0.35)
+
+
 def test_beside_it_stands_the_level_that_it_leaves_and_nothing_else(knocked):
     kinds = {axis: [e.kind for e in found.effects] for axis, found in knocked.axes.items()}
     assert kinds == {"gx": ["shock", "step"], "gy": ["shock"], "gz": ["shock"], "ax": []}

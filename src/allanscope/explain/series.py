@@ -19,7 +19,7 @@ from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from allanscope.allan import AllanBank, Deviation
-from allanscope.explain.shock_removal import extent_of, quiet_rows
+from allanscope.explain.shock_removal import extent_of, quiet_rows, with_pulse
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.history import Record
 from allanscope.lazy import once
@@ -277,7 +277,8 @@ class Series:
         if (column, moving) not in self._quiet:
             rows = np.array(self.values[:, column])
             for shaken in (self.shocks[k] for k in moving):
-                first, stop = extent_of(rows, shaken, self.rate_hz)
+                whole = with_pulse(rows, shaken, self.rate_hz)
+                first, stop = extent_of(rows, whole, self.rate_hz)
                 rows[first:stop] = quiet_rows(rows, first, stop, shaken.sigma[axis])[0]
             ordinates = np.asarray(dct(rows - rows.mean(), norm="ortho")[1:])
             self._quiet[column, moving] = self._sources(rows[:, np.newaxis], ordinates[np.newaxis])

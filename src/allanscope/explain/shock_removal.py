@@ -5,13 +5,15 @@ The level before is drawn through them to the level after, with noise like that 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from allanscope.explain.shock_rows import ShockRows
 
-__all__ = ["MARGIN_S", "extent_of", "quiet_rows"]
+__all__ = ["LONGEST_PULSE_S", "MARGIN_S", "extent_of", "quiet_rows", "with_pulse"]
 
 Array = NDArray[np.float64]
 
@@ -21,10 +23,31 @@ _BLOCKS = 10
 """Blocks before a shock that tell how loud noise is by chance."""
 _ALIKE_ROWS, _ALIKE_SIZES = 50, 4
 """Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
+LONGEST_PULSE_S, _AWAY = 2.5, 4.0
+"""A level that comes back so soon after the first row of a shock is part of it, where it was away
+by so many standard errors of the means of blocks."""
 _LEVELS = 3.0
 """Standard errors from which the levels before and after a shock differ."""
 _ROBUST = 1.19
 """Variance of the mean of the middle half of Gaussian noise over that of the mean of all."""
+
+
+def with_pulse(data: Array, shaken: ShockRows, rate_hz: float) -> ShockRows:
+    """Return a shock until the level of an axis is that from before it, if that comes back soon.
+
+    Other axes, on which it was found, may be quiet before.
+    """
+    size = int(np.ceil(MARGIN_S * rate_hz))
+    before = data[max(0, shaken.first - (_BLOCKS + 1) * size) : max(0, shaken.first - size)]
+    if len(before) < _BLOCKS * size:
+        return shaken
+    means = before.reshape(_BLOCKS, size).mean(axis=1)
+    level, most = float(means.mean()), _AWAY * float(means.std(ddof=1))
+    last = min(shaken.first + int(LONGEST_PULSE_S * rate_hz), len(data) - size)
+    for row in range(shaken.stop, last, size):
+        if abs(float(data[row : row + size].mean()) - level) < most:
+            return replace(shaken, stop=row)
+    return shaken
 
 
 def extent_of(data: Array, shaken: ShockRows, rate_hz: float) -> tuple[int, int]:

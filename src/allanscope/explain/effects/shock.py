@@ -26,7 +26,13 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.noise_level_border import instant_of
-from allanscope.explain.shock_removal import MARGIN_S, extent_of, quiet_rows
+from allanscope.explain.shock_removal import (
+    LONGEST_PULSE_S,
+    MARGIN_S,
+    extent_of,
+    quiet_rows,
+    with_pulse,
+)
 from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
@@ -41,9 +47,8 @@ _OFF_ROWS = 12
 """Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
 _FAR = 6.0
 """Standard errors within which the largest row of a shock is."""
-_LONGEST_PULSE_S, _BESIDE_S = 2.5, 5.0
-"""A change of the level that is over so soon after a shock of other axes is that shock; and the
-time beside it that tells the noise."""
+_BESIDE_S = 5.0
+"""Time beside a shock that tells the noise."""
 _LINED = 1.5
 """Scatter of what lies beside a shock, in sigma, from which lines are a part of it."""
 
@@ -112,7 +117,7 @@ class Shock(EffectKind):
         What is too soft here to be found by its rows looks like steps, an excursion or a burst.
         """
         rate = view.grid.rate_hz
-        margin, longest = MARGIN_S * rate, _LONGEST_PULSE_S * rate
+        margin, longest = MARGIN_S * rate, LONGEST_PULSE_S * rate
         rows = [time * rate for time in _ends(candidate.effect) or _stretch(candidate.effect, view)]
         for shaken in view.series.shocks if rows else ():
             last = max(shaken.stop + margin, shaken.first + longest)
@@ -169,6 +174,7 @@ def _candidate(view: View, shaken: ShockRows, peak: Estimate | None = None) -> C
     """Return a shock without its rows; None where it is none. Its peak is that of its rows."""
     rate, n = view.grid.rate_hz, len(view.data)
     sigma = shaken.sigma[view.axis]
+    shaken = with_pulse(view.data, shaken, rate)
     if _goes_on(view.data, shaken.first, shaken.stop, sigma):
         return None
     first, stop = extent_of(view.data, shaken, rate)

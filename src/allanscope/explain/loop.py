@@ -155,7 +155,7 @@ def explain(
     if open_axes:
         # Shared by all axes, so computed before; an axis that fails on it will say so.
         with set_workers(1 + len(workers)), suppress(Exception):
-            _ = series.thermal, series.equal, series.sources, series.shocks, series.deviation
+            _ = series.thermal, series.equal, series.loud, series.shocks, series.deviation
     job = _Job(record, series, densities or {}, clock, budget)
     failures: dict[str, Exception] = {}
     with _Places(job, workers) as places:

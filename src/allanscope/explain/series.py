@@ -264,40 +264,59 @@ class Series:
         return np.asarray(dct(centred, axis=1, norm="ortho")[:, 1:])
 
     @once
-    def sources(self) -> tuple[Source, ...]:
-        """Every axis as measured."""
-        return self._sources(self.values, self.ordinates)
+    def loud(self) -> NDArray[np.bool_]:
+        """Ordinates that hold a line of their axis, by the median around them, (axes, n - 1)."""
+        return self._above_level > LOUD
+
+    @once
+    def lines(self) -> NDArray[np.bool_]:
+        """Ordinates in and beside a line of their axis that may be as wide as some tens of them."""
+        return _with_lines(self._above_level)
+
+    @once
+    def _above_level(self) -> Array:
+        """Power of every ordinate over that of the noise around it, by the median of its bin."""
+        return _over_noise(self.ordinates, self.grid)
 
     def source(self, axis: str, shocks: frozenset[int] = frozenset()) -> Source:
         """Return an axis without some of the shocks of the record, by their numbers."""
-        column = self.column(axis)
-        moving = tuple(k for k in sorted(shocks) if axis in self.shocks[k].sigma)
+        k = self.column(axis)
+        moving = tuple(one for one in sorted(shocks) if axis in self.shocks[one].sigma)
         if not moving:
-            return self.sources[column]
-        if (column, moving) not in self._quiet:
-            rows = np.array(self.values[:, column])
-            for shaken in (self.shocks[k] for k in moving):
-                whole = with_pulse(rows, shaken, self.rate_hz)
-                first, stop = extent_of(rows, whole, self.rate_hz)
-                rows[first:stop] = quiet_rows(rows, first, stop, shaken.sigma[axis])[0]
-            ordinates = np.asarray(dct(rows - rows.mean(), norm="ortho")[1:])
-            self._quiet[column, moving] = self._sources(rows[:, np.newaxis], ordinates[np.newaxis])
-        return self._quiet[column, moving][0]
+            return Source(self.values[:, k], self.ordinates[k], self.loud[k], self.lines[k])
+        if (k, moving) not in self._quiet:
+            self._quiet[k, moving] = self._without_shocks(axis, moving)
+        return self._quiet[k, moving]
 
     @once
-    def _quiet(self) -> dict[tuple[int, tuple[int, ...]], tuple[Source, ...]]:
+    def _quiet(self) -> dict[tuple[int, tuple[int, ...]], Source]:
         """Axes without shocks, by column and numbers."""
         return {}
 
-    def _sources(self, values: Array, ordinates: Array) -> tuple[Source, ...]:
-        """Return some axes with where their lines are."""
-        power = ordinates**2  # of every ordinate over that of the noise around it
-        for low, high in pairwise([*self.grid.edges, power.shape[1]]):
-            level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
-            power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
-        means = uniform_filter1d(power, _WIDTH, axis=1)
-        lines = (_beside(one > _STANDS_OUT) for one in means)
-        return tuple(map(Source, values.T, ordinates, power > LOUD, lines))
+    def _without_shocks(self, axis: str, shocks: tuple[int, ...]) -> Source:
+        rows = np.array(self.values[:, self.column(axis)])
+        for one in (self.shocks[number] for number in shocks):
+            whole = with_pulse(rows, one, self.rate_hz)
+            first, stop = extent_of(rows, whole, self.rate_hz)
+            rows[first:stop] = quiet_rows(rows, first, stop, one.sigma[axis])[0]
+        ordinates = np.asarray(dct(rows - rows.mean(), norm="ortho")[1:])
+        power = _over_noise(ordinates[np.newaxis], self.grid)
+        return Source(rows, ordinates, power[0] > LOUD, _with_lines(power)[0])
+
+
+def _over_noise(ordinates: Array, grid: Grid) -> Array:
+    """Return the power of ordinates over that of the noise around them, (axes, n - 1)."""
+    power = ordinates**2
+    for low, high in pairwise([*grid.edges, power.shape[1]]):
+        level = medians(power[:, low:high])[:, np.newaxis] / CHI_SQUARE_MEDIAN
+        power[:, low:high] /= np.maximum(level, np.finfo(float).tiny)
+    return power
+
+
+def _with_lines(power: Array) -> NDArray[np.bool_]:
+    """Tell which ordinates, by their power over the noise, are in a line or beside one."""
+    means = uniform_filter1d(power, _WIDTH, axis=1)
+    return np.array([_beside(one > _STANDS_OUT) for one in means])
 
 
 def deviation_of(values: Array, rate_hz: float) -> Deviation:

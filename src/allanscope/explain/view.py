@@ -247,9 +247,10 @@ class View:
         taken = [c.signal for c in self.accepted if c.kind == "shock" and c.signal is not None]
         if not taken:
             return frozenset()
-        gone = np.any(taken, axis=0)
         return frozenset(
-            k for k, one in enumerate(self.series.shocks) if gone[one.first : one.stop].any()
+            k
+            for k, one in enumerate(self.series.shocks)
+            if any(signal[one.first : one.stop].any() for signal in taken)
         )
 
     def sources(self, axis: str) -> tuple[Source, ...]:

@@ -136,9 +136,10 @@ class CrossCoupling(EffectKind):
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the slope by interleaved blocks; quarters must agree."""
         own = _without_temperature(view, view.ordinates)
-        follows = _followed(view, str(self.source.value), own)
-        assert follows is not None
-        return interleaved_signal(view, follows.source.rows[np.newaxis], candidate.gain)
+        name = str(self.source.value)
+        found = _followed(view, name, own)
+        source = view.sources(name)[0] if found is None else found.source
+        return interleaved_signal(view, source.rows[np.newaxis], candidate.gain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,6 +371,8 @@ def _told_by_shocks(view: View, name: str, slopes: tuple[float, float]) -> float
     both = (own, own - slopes[0] * other), (other, other - slopes[1] * own)
     telling = 0.0
     for shaken in view.series.shocks:
+        if {view.axis, name}.isdisjoint(shaken.axes):
+            continue
         first, stop = shaken.first, shaken.stop
         before, after = ([_above(pair[i], first, stop) for pair in both] for i in (0, 1))
         if _came_along(before, after):

@@ -52,6 +52,16 @@ def test_a_shock_of_the_source_hides_no_coupling(bench, seed, alone):
     assert kinds(found["gy"]) == ["shock", "gauss_markov"]
 
 
+def test_a_shock_that_came_along_tells_the_source_of_noise_of_equal_colour(bench):
+    b = bench(23, 300.0)
+    late = np.maximum(b.t - 130.0, 0.0)
+    source = b.noise() + 200 * SIGMA * np.exp(-3 * late) * np.sin(2 * np.pi * 5 * late)
+    found = explain(b.record(b.noise() + 0.1 * source, source)).axes
+    (coupling,) = found["gx"].effects
+    assert coupling.evidence["direction_nats"] > 10
+    assert kinds(found["gy"]) == ["shock"]
+
+
 @pytest.mark.parametrize("seed", [20, 21])
 def test_a_coupling_goes_on_beside_a_shock_that_did_not_come_along(bench, seed):
     b = bench(seed, 600.0)

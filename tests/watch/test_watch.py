@@ -117,6 +117,19 @@ def test_ramp_is_one_event():
     assert ramp.size > 10 * INFO.scale[1]
 
 
+def test_pieces_in_which_a_ramp_was_seen_are_one_event_that_began_where_it_did():
+    """In white noise it looks like a step or two before enough of it is seen: in three of ten."""
+    rng, n, at = np.random.default_rng(7), 330 * RATE, 240.0
+    late = np.maximum(np.arange(n) / RATE - at, 0.0)
+    for _ in range(10):
+        values = rng.normal(0.0, 5.0, (n, 2))
+        values[:, 0] += 0.15 * late
+        ramp = events(watched(counts(values)))
+        assert set(ramp) == {"ramp"}
+        once = ramp["ramp"].occurrences[0]
+        assert once.lower_s - 1 <= at <= once.upper_s + 1
+
+
 def test_change_of_the_noise_is_no_line_and_no_outliers():
     values = rows(900)
     values[AT * RATE : 760 * RATE, 1] *= 1.5

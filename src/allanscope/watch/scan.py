@@ -391,14 +391,14 @@ def moment_of_counts(
     return earliest + median, earliest + lower, earliest + upper
 
 
-def is_one_ramp(values: NDArray[np.float64], first: int, second: int) -> bool:
-    """Return whether two changes of a stretch are one ramp rather than two steps."""
+def is_one_ramp(values: NDArray[np.float64], places: list[int]) -> bool:
+    """Return whether changes of a stretch are one ramp rather than so many steps."""
     _, ramps = _gains(values)
     total = float(np.sum((values - values.mean()) ** 2))
-    levels = (values[:first], values[first:second], values[second:])
-    two_steps = sum(float(np.sum((one - one.mean()) ** 2)) for one in levels if len(one))
-    room = max(first // 2, 1)
-    return total - float(ramps[room:-1].max(initial=0.0)) < two_steps
+    levels = np.split(values, places)
+    steps = sum(float(np.sum((one - one.mean()) ** 2)) for one in levels if len(one))
+    room = max(places[0] // 2, 1)
+    return total - float(ramps[room:-1].max(initial=0.0)) < steps
 
 
 def _gains(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -190,6 +190,11 @@ class Tracks:
             self.all.remove(min(closed or self.all, key=lambda one: one.count))
         return track
 
+    def forget(self, track: Track) -> None:
+        """Take back a change that turns out to be a part of another one."""
+        self.all = [one for one in self.all if one is not track]
+        self.unreported = [(one, what) for one, what in self.unreported if one is not track]
+
     def close(self, track: Track, sample: int) -> None:
         """Note that a change has gone."""
         track.last.end = max(sample, math.ceil(track.last.onset))

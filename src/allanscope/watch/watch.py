@@ -54,6 +54,8 @@ GONE_SHARE = 0.3
 LEAST_WINDOW = 16
 LEAKAGE_RATIO = 0.3
 """Power that leaks into a bin, in units of the noise there, which a line would be told from."""
+MOST_PIECES = 4
+"""Changes of a level that may turn out to be one ramp."""
 LEVEL_KINDS = ("step", "ramp")
 """Changes of the level of an axis."""
 SCALES = {
@@ -300,8 +302,8 @@ class Watch:
             if abs(after - track.before) < 0.5 * abs(track.last.size):
                 self.tracks.close(track, self._sample(at))
                 return
-        latest = self.tracks.open(axis, kinds)[:1] if kind == "step" else []
-        if any(self._extend_ramp(channel, track, at, after) for track in latest):
+        latest = self.tracks.open(axis, kinds)[:MOST_PIECES] if kind == "step" else []
+        if any(self._extend_ramp(channel, track, at, after) for track in latest[::-1]):
             return
         if kind == "variance_change" and self._has_another_cause(axis, lower, at):
             return
@@ -336,15 +338,21 @@ class Watch:
             one.track.spans[-1] = replace(span, found=one.span.found)
 
     def _extend_ramp(self, channel: int, track: Track, at: int, after: float) -> bool:
-        """Return whether a change is the next piece of a ramp, and draw the ramp longer then."""
+        """Return whether a change is the next piece of a ramp, and draw the ramp longer then.
+
+        What was found of it since the track began belongs to it as well.
+        """
         size = after - track.before
+        pieces = [one for one in self.tracks.open(track.axis, LEVEL_KINDS) if one is not track]
+        pieces = [one for one in pieces if one.last.block > track.last.block]
         if size * track.last.size <= 0.0 or abs(size) <= abs(track.last.size):
             return False
         first = max(track.last.block - 64, self._level_since(track))
         values = self._scan.values(channel, first)
         first = self.blocks - len(values)
-        begin, second = track.last.block - first, at - first
-        if begin < 8 or not is_one_ramp(values, begin, second):
+        begin = track.last.block - first
+        places = sorted([begin, *(one.last.block - first for one in pieces), at - first])
+        if begin < 8 or not is_one_ramp(values, places):
             return False
         change = locate(values, begin // 2, self._scan.spread(channel))
         if change.kind != "ramp":
@@ -353,6 +361,8 @@ class Watch:
         track.kind = "ramp"
         track.spans[-1] = self._between(change.kind, first, change, change.size)
         track.last.found = found
+        for one in pieces:
+            self.tracks.forget(one)
         self._scan.restart(channel, self.blocks)
         return True
 

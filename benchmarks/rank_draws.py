@@ -3,13 +3,15 @@
 The rank of a truth is the confidence that is placed below it. Between its ends an interval is taken
 for half a normal on each side, of the logarithm where the interval is that of one, and for half an
 exponential of the instant of a jump (Hinkley, Biometrika 57, 1970), or evenly distributed where it
-is known to a row.
+is known to a row. The border of louder noise has no such shape: its rank is read off the likelihood
+of the rows from which its interval is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from unittest.mock import patch
 
 import numpy as np
 from blind_noise import Array
@@ -22,8 +24,9 @@ from scipy.stats import t as student
 
 from allanscope.clock.rate import ORDINATES
 from allanscope.explain import Effect, Parameter, explain
-from allanscope.explain.effects import KINDS
+from allanscope.explain.effects import KINDS, variance_change
 from allanscope.explain.given_detection import conditional_rank
+from allanscope.explain.noise_level_border import confidence_of_loglik, rows_of_loglik
 from allanscope.history import History
 from allanscope.noise import NoiseFit, fit_noise
 from allanscope.noise.drift import ramp_pattern
@@ -40,7 +43,7 @@ NORMAL = 0.03
 """Relative standard deviation below which the fit takes a profile for normal."""
 RAMP_HZ = 26.0
 CORRECTED = "size given detection"
-JUMPS = {"time", "duration", "start", "stop"}
+JUMPS, BORDERS = {"time", "duration"}, {"start", "stop"}
 READ_OFF = {"intervals", "count", "level", "width", "step"}
 """Whole numbers, and values of a lattice: an interval holds them or not, and has no inside."""
 COEFFICIENTS = {"N, B, K": (26.0, 1200.0), "N, B, K of 12 h": (13.0, 43200.0)}
@@ -151,7 +154,9 @@ def effect(study: str) -> Draw:
     def draw(rng: np.random.Generator) -> Outcome:
         hidden: Hidden = getattr(Hider(rng), study)()
         nominal, measured = hidden.clock or (None, None)
-        result = explain(hidden.record, nominal_hz=nominal, rate_fit=measured)
+        borders: list[Array] = []
+        with patch.object(variance_change, "rows_of_loglik", kept(rows_of_loglik, borders)):
+            result = explain(hidden.record, nominal_hz=nominal, rate_fit=measured)
         effects = result.axes["gx"].effects
         found = nearest(hidden, effects)
         if found is None:
@@ -159,6 +164,10 @@ def effect(study: str) -> Draw:
         known = {k: v for k, v in hidden.truth.items() if k in found.parameters}
         row = 1 / hidden.rate
         ranks = {k: rank_of_number(k, found.parameters[k], v, row) for k, v in known.items()}
+        ranks |= {
+            k: rank_of_border(found.parameters[k], known[k], hidden.rate, borders)
+            for k in BORDERS & known.keys()
+        }
         gain, price = found.evidence["gain_nats"], found.evidence["price_nats"]
         size = KINDS[hidden.kind].sized_by
         if size in known:
@@ -168,6 +177,16 @@ def effect(study: str) -> Draw:
         return Outcome(hidden.d, 2, gain, price, {k: v for k, v in ranks.items() if v is not None})
 
     return draw
+
+
+def kept(function: Callable[[Array], object], given: list[Array]) -> Callable[[Array], object]:
+    """Return a function that also notes what it is given."""
+
+    def noted(values: Array) -> object:
+        given.append(values)
+        return function(values)
+
+    return noted
 
 
 def clock(rng: np.random.Generator) -> Outcome:
@@ -267,6 +286,17 @@ def rank_of_number(name: str, found: Parameter, truth: float, row: float) -> flo
         return None
     room = 1e-9 * abs(truth)
     return 0.0 if truth < found.lower - room else 1.0 if truth > found.upper + room else 0.5
+
+
+def rank_of_border(found: Parameter, truth: float, rate: float, logliks: list[Array]) -> float:
+    """Return the confidence below the border of louder noise, by the likelihood that told it."""
+    told = np.array([found.lower, found.value, found.upper], np.float64) * rate
+    for loglik in reversed(logliks):
+        median, low, high = rows_of_loglik(loglik)
+        if np.allclose(np.diff(told), [median - low, high - median]):
+            below, rows = confidence_of_loglik(loglik)
+            return float(np.interp(truth * rate - told[0] + low, rows, below))
+    raise AssertionError("no border was looked for")
 
 
 def rank_of_parameter(found: Parameter, truth: float, row: float = 0.0) -> float | None:

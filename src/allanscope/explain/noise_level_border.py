@@ -23,7 +23,13 @@ from scipy.special import gammaln
 
 from allanscope.explain.effect import Estimate
 
-__all__ = ["instant_of", "loglik_of_level", "rows_of_border", "rows_of_loglik"]
+__all__ = [
+    "confidence_of_loglik",
+    "instant_of",
+    "loglik_of_level",
+    "rows_of_border",
+    "rows_of_loglik",
+]
 
 Array = NDArray[np.float64]
 
@@ -72,10 +78,15 @@ def loglik_of_level(count: Array, total: Array, weight: float = 1.0) -> Array:
 
 def rows_of_loglik(loglik: Array) -> tuple[float, float, float]:
     """Return the same as `rows_of_border` of the log-likelihoods of borders at row 0, 1, ..."""
-    below = np.concatenate([[0.0], np.cumsum(np.exp(loglik - loglik.max()))])
-    rows = np.maximum(np.arange(-1.0, len(loglik)), 0.0)
-    median, low, high = np.interp(np.array([0.5, _OUT, 1 - _OUT]) * below[-1], below, rows)
+    below, rows = confidence_of_loglik(loglik)
+    median, low, high = np.interp(np.array([0.5, _OUT, 1 - _OUT]), below, rows)
     return float(median), float(low), float(high)
+
+
+def confidence_of_loglik(loglik: Array) -> tuple[Array, Array]:
+    """Return the confidence that the border is before some rows, and these, shape (m + 1,)."""
+    below = np.concatenate([[0.0], np.cumsum(np.exp(loglik - loglik.max()))])
+    return below / below[-1], np.maximum(np.arange(-1.0, len(loglik)), 0.0)
 
 
 def instant_of(rows: tuple[float, float, float], rate_hz: float, start_s: float = 0.0) -> Estimate:

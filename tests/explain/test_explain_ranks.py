@@ -261,6 +261,20 @@ def test_hops_that_are_seen_have_the_size_of_their_path():
     assert_apt(ranks)
 
 
+def test_hops_in_noise_do_not_scatter_as_the_power_of_a_process_does():
+    """Their size is that of the spectrum: its own interval was twice as wide."""
+    rng, n, away = np.random.default_rng(43), 2048, []
+    for _ in range(60):
+        hops = rng.random(n) < 1 / (RATE * rng.uniform(2.0, 4.0))
+        level = 1.5 * np.where(np.cumsum(hops) % 2, 1.0, -1.0)
+        view = view_of(level + 1.7 * rng.standard_normal(n))
+        for found in random_telegraph.RandomTelegraph.propose(view):
+            size = found.effect.amplitude
+            away.append((size.value - 1.5) / size.error)
+    assert len(away) > 30
+    assert 0.65 < np.std(away) < 1.35
+
+
 def test_fast_hops_are_not_taken_for_white_noise():
     """They are louder than the noise up to the top of the band."""
     rng, n, dwell, ratios = np.random.default_rng(39), 2048, 0.6, []

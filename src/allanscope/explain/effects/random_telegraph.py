@@ -185,7 +185,8 @@ class _Path:
     dwell_s: float
     switches: int
     doubt: float
-    """Share of the size by which blocks that may be on either level move it."""
+    """Share of the blocks that are on the wrong level; they move the size by less than twice as
+    much, and its error is as much."""
 
 
 def _moved(view: View) -> float:
@@ -294,8 +295,9 @@ def _with_spectrum(view: View, candidate: Candidate, process: Candidate) -> Cand
     """Take from the Gauss-Markov process that the spectrum shows what the path does not tell.
 
     The size, where the path misses hops and takes noise for others, which blurs it by some per
-    cent; size and dwell, where noise breaks the path into too many pieces. Where both levels are
-    seen but one is held longer than the other, the path is right: the spectrum, with
+    cent, with the error on the path: the power of a Gaussian process scatters, that of two levels
+    does not; size and dwell, where noise breaks the path into too many pieces. Where both levels
+    are seen but one is held longer than the other, the path is right: the spectrum, with
     1/Tc = 1/dwell_1 + 1/dwell_2, holds for the noise that enters the model only.
     """
     effect, twin = candidate.effect, process.finished().effect
@@ -310,7 +312,10 @@ def _with_spectrum(view: View, candidate: Candidate, process: Candidate) -> Cand
     if tc.lower <= half <= tc.upper:
         if seen * half > _SHARP:
             return candidate
-        return replace(candidate, effect=replace(effect, amplitude=twin.sigma))
+        size = twin.sigma.value
+        error = effect.amplitude.error / effect.amplitude.value * size
+        amplitude = Estimate.of(size, error, effect.amplitude.unit)
+        return replace(candidate, effect=replace(effect, amplitude=amplitude))
     parts = (Process(1.0, 2 * tc.value),)
     if half > tc.upper and seen * tc.lower > _CLEAR:
         return replace(candidate, parts=parts)
@@ -348,7 +353,7 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
         before, rate = rate, float(np.clip(switches / (blocks - 1), 1e-6, 0.4))
         hard = int(np.count_nonzero(np.diff(most)))
         log_prior = hard * np.log(rate) + (blocks - 1 - hard) * np.log1p(-rate)
-        doubt, dwell = 1 - float(np.mean(np.abs(state))), _dwell(rate, block_s)
+        doubt, dwell = 0.5 - 0.5 * float(np.mean(np.abs(state))), _dwell(rate, block_s)
         result = _Path(most, log_prior, log_z - log_joint, size, dwell, hard, doubt)
         slow = _smooth(level - size * state, wiener)
         new = float(np.sum((level - slow) * state) / np.sum(state**2))

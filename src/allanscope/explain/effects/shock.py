@@ -68,7 +68,7 @@ class Shock(EffectKind):
     phrase = "shock at {event}, up to {peak}"
     motion = "burst"
     acts_fast = False
-    sized_by = "peak"
+    # Not `sized_by`: near the limit its peak, a mean over all that may ring, is no larger.
     stage = 0
     located_by = "time"
     shared_by = "time"

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from blind_noise import Array
 from figures import Figure, written
-from rank_draws import DRAWS, RARE, READ_OFF, Outcome
+from rank_draws import DRAWS, READ_OFF, Outcome
 from scipy.stats import binom
 
 STORE = Path(__file__).parent / "ranks"
@@ -113,8 +113,7 @@ def run(store: Path, names: list[str], draws: int, seed: int) -> None:
     have = {name: len(study.found) if (study := stored(store, name)) else 0 for name in names}
     for round_ in range(draws):
         for name in names:
-            rare = RARE.get(name, 1)
-            if round_ % rare == 0 and have[name] <= round_ // rare:
+            if have[name] <= round_:
                 extended(store, name, have[name], seed)
                 have[name] += 1
 

@@ -345,5 +345,4 @@ DRAWS: dict[str, Draw] = {
     "clock": clock,
     **{f"onset of {kind}": begun(kind) for kind in ONSETS},
 }
-"""Every study; the long one takes so long that it comes round once in ten times."""
-RARE = {"N, B, K of 12 h": 10}
+"""Every study."""

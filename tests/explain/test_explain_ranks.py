@@ -369,7 +369,7 @@ def test_sigma_of_a_gauss_markov_process_has_the_interval_of_its_likelihood():
 
 def test_numbers_of_a_power_law_have_the_intervals_of_their_likelihoods():
     """White noise is often 0 beside it and can only grow: curvature takes it for known."""
-    rng, n, fallen, held = np.random.default_rng(33), 4096, [], []
+    rng, n, fallen, held, allowed = np.random.default_rng(33), 4096, [], [], []
     f = np.arange(1, n) / n * RATE / 2
     for _ in range(12):
         exponent = rng.uniform(0.3, 0.5)
@@ -378,10 +378,13 @@ def test_numbers_of_a_power_law_have_the_intervals_of_their_likelihoods():
         view = view_of(path)
         found = power_law._candidate(view, exponent - 0.2, exponent + 0.2).finished().effect
         best = view.loglik_with(power_law.Process(1.0, found.exponent.value))
+        allowed.append(power_law._allowed(view, found.exponent.value))
         for end in (found.exponent.lower, found.exponent.upper):
-            fallen.append(best - view.loglik_with(power_law.Process(1.0, end)))
+            ended = best - view.loglik_with(power_law.Process(1.0, end))
+            fallen.append(ended - allowed[-1])
         held.append(found.density.lower <= 1.0 <= found.density.upper)
-    assert np.allclose(fallen, 1.92, atol=0.5)
+    assert np.allclose(fallen, 0.0, atol=0.5)
+    assert 0.9 < np.mean(allowed) < 1.6  # chi-square would allow 1.92
     assert np.mean(held) > 0.8
 
 

@@ -171,11 +171,12 @@ def profile_intervals(
     size: float,
     process: Callable[[float], Part],
     farthest: tuple[float, float],
+    allowed: tuple[float, float] = (CHI_SQUARE_95 / 2, CHI_SQUARE_95 / 2),
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return how far the shape of a process may move, and by which factors its size.
 
-    To where the profile likelihood has fallen by 1.92 nats. Curvature would take N, B or K for
-    known where they came out as 0.
+    To where the profile likelihood has fallen by what is allowed. Curvature would take N, B or K
+    for known where they came out as 0.
 
     Parameters
     ----------
@@ -187,12 +188,15 @@ def profile_intervals(
         The process, of power 1, whose shape is moved by so much.
     farthest : tuple of float
         Least and largest move.
+    allowed : tuple of float
+        Nats by which that of a shape, and that of a size, may be less.
     """
 
     def moved(x: float) -> float:
         return fit.loglik - view.loglik_with(process(x))
 
-    down, up = _reach(lambda x: moved(-x), -farthest[0]), _reach(moved, farthest[1])
+    down = _reach(lambda x: moved(-x), -farthest[0], allowed[0])
+    up = _reach(moved, farthest[1], allowed[0])
     low, high = max(-2 * down, farthest[0]), min(2 * up, farthest[1])
 
     def sized(log_factor: float) -> float:
@@ -205,15 +209,16 @@ def profile_intervals(
         )
         return fit.loglik + least
 
-    smaller, larger = _reach(lambda x: sized(-x), _FARTHEST), _reach(sized, _FARTHEST)
+    smaller = _reach(lambda x: sized(-x), _FARTHEST, allowed[1])
+    larger = _reach(sized, _FARTHEST, allowed[1])
     return (-down, up), (float(np.exp(-smaller)), float(np.exp(larger)))
 
 
-def _reach(drop: Callable[[float], float], farthest: float) -> float:
-    """Return how far one may go until a likelihood has fallen by what 95 % allow."""
+def _reach(drop: Callable[[float], float], farthest: float, allowed: float) -> float:
+    """Return how far one may go until a likelihood has fallen by what is allowed."""
     far = min(_FIRST, farthest)
-    while drop(far) < CHI_SQUARE_95 / 2:
+    while drop(far) < allowed:
         if far == farthest:
             return farthest
         far = min(2 * far, farthest)
-    return root_between(lambda x: drop(x) - CHI_SQUARE_95 / 2, 0.0, far, within=_CLOSE)
+    return root_between(lambda x: drop(x) - allowed, 0.0, far, within=_CLOSE)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.effect import Estimate
@@ -28,7 +29,10 @@ from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.filters import LowPass
 from allanscope.noise.grid import Grid
-from allanscope.optimise import minimise_between
+from allanscope.optimise import least_nonnegative, minimise_between
+from allanscope.quantities import CHI_SQUARE_95
+
+Array = NDArray[np.float64]
 
 _BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
 """Exponents tried: those between the textbook's 0, 1 and 2."""
@@ -41,6 +45,8 @@ _UNALIASED = 2 / np.pi
 """Of a density that falls as 1/f, at Nyquist, over that which a sum has there."""
 _AT_THE_END = 1.05
 """Factor on the least exponent within which a fit has run into it."""
+_MOVE, _ERRORS = 0.01, 1000
+"""Of the exponent, over which a derivative is taken; and errors that are drawn."""
 
 
 @dataclass(frozen=True)
@@ -169,9 +175,41 @@ def _with_intervals(view: View, fit: Spectrum, effect: PowerLaw) -> PowerLaw:
         density,
         lambda x: Process(1.0, float(np.clip(exponent + x, shape.lower, shape.upper))),
         (shape.lower - exponent, shape.upper - exponent),
+        (_allowed(view, exponent), CHI_SQUARE_95 / 2),
     )
     return replace(
         effect,
         exponent=replace(effect.exponent, lower=exponent + moves[0], upper=exponent + moves[1]),
         density=replace(effect.density, lower=density * sizes[0], upper=density * sizes[1]),
     )
+
+
+def _allowed(view: View, exponent: float) -> float:
+    """Return by how many nats the exponents of an interval of 95 % are less likely than the best.
+
+    N, B, K and the size cannot be negative, so that the likelihood ratio at the true exponent is
+    less than chi-square (Self and Liang, JASA 82, 605, 1987). How it is distributed is told by many
+    normal errors with the information of the fit: one that would make a power negative is fitted
+    again, by least squares with none negative, with the exponent free and with it held.
+    """
+    fitter = view.fitter.plus(Process(1.0, exponent))
+    columns, (powers, _) = fitter.basis.columns, fitter.powers(view.power)
+    least, most = (
+        view.fitter.plus(Process(1.0, exponent + move)).basis.columns[-1]
+        for move in (-_MOVE, _MOVE)
+    )
+    slopes = np.vstack([columns, powers[-1] * (most - least) / (2 * _MOVE)])
+    slopes *= np.sqrt(fitter.dof / 2) / (fitter.basis.fixed + powers @ columns)
+    units = np.linalg.norm(slopes, axis=1)
+    root = np.linalg.qr((slopes / units[:, np.newaxis]).T)[1]
+    held, along = root[:, :-1], root[:, -1] / np.linalg.norm(root[:, -1])
+    apart = np.eye(len(root)) - np.outer(along, along)
+    errors = np.random.default_rng(0).standard_normal((_ERRORS, len(root)))
+    errors += held @ (powers * units[:-1])
+    ratios = [_left(held, one) - _left(apart @ held, apart @ one) for one in errors]
+    return float(np.quantile(ratios, 0.95)) / 2
+
+
+def _left(design: Array, wanted: Array) -> float:
+    """Return the sum of squares that least squares with none negative leave."""
+    return float(np.sum((wanted - design @ least_nonnegative(design, wanted)) ** 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,34 @@ ODD = (
 )
 
 
+def column(seed: int, rows: int = 300) -> list[str]:
+    """Return a table of one column."""
+    rng = np.random.default_rng(seed)
+    form = int(rng.integers(0, 5))
+    return ["gx[dps]", *(written(value, form) for value in rng.normal(size=rows).tolist())]
+
+
+ODD_IN_COLUMN = (
+    *(
+        "",
+        "\r",
+        " ",
+        "\t",
+        " 1.5 ",
+        "\t1.5",
+        "1.5\t",
+        "1,5",
+        "1.5,",
+        "1.5;",
+        "1.5,2",
+        "1 2",
+        "1.5 ,",
+    ),
+    *("nan", "-inf", "1_0", "1e", "1e400", "0x10", '"1.5"', "# a comment", "gx[dps]", "gy[dps]"),
+    *("12:30:01.5", "1.5\r2", "1" * 5000, "\x1b[31m1.5", "é", "1.5\0", "0.5,1,2"),
+)
+
+
 def plain(events: Iterable[Event]) -> list[Any]:
     said: list[Any] = []
     for event in events:
@@ -86,13 +114,19 @@ def decoded(pieces: list[bytes], together: int, host_s: float) -> tuple[Any, ...
 
 
 @settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), odd=st.integers(0, 12), live=st.booleans())
-@example(seed=1, odd=0, live=False)
-def test_events_and_counters_are_those_of_single_lines(seed: int, odd: int, live: bool) -> None:
+@given(
+    *(st.integers(0, 2**32 - 1), st.integers(0, 12), st.booleans()),
+    st.sampled_from([(table, ODD), (column, ODD_IN_COLUMN)]),
+)
+@example(1, 0, False, (table, ODD))
+@example(1, 0, False, (column, ODD_IN_COLUMN))
+def test_events_and_counters_are_those_of_single_lines(
+    seed: int, odd: int, live: bool, kind: tuple[Callable[[int], list[str]], tuple[str, ...]]
+) -> None:
     rng = np.random.default_rng(seed)
-    lines = table(seed)
+    lines = kind[0](seed)
     for _ in range(odd):
-        lines.insert(int(rng.integers(1, len(lines))), ODD[rng.integers(0, len(ODD))])
+        lines.insert(int(rng.integers(1, len(lines))), kind[1][rng.integers(0, len(kind[1]))])
     end = ("\n", "\r\n")[seed % 2]
     data = bytearray((end.join(lines) + end * (seed % 3 > 0)).encode())
     for _ in range(odd // 4):
@@ -153,15 +187,16 @@ def test_few_rows_are_looked_at_one_by_one() -> None:
     assert len(looked_at) < 5
 
 
-def test_most_rows_are_read_together() -> None:
-    data = "\n".join([*table(1), ""]).encode()
+@pytest.mark.parametrize("written_as", [table, column])
+def test_most_rows_are_read_together(written_as: Callable[[int, int], list[str]]) -> None:
+    data = "\n".join([*written_as(1, 3000), ""]).encode()
     decoder = TextDecoder(WireSettings())
     single = []
     read = Table.row
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Table, "row", lambda self, line: single.append(line) or read(self, line))
         decoder.feed(data, math.nan)
-    assert decoder.stats.frames == 300
+    assert decoder.stats.frames == 3000
     assert len(single) < 10
 
 

@@ -175,7 +175,8 @@ class Table:
         None where there is none. What they hold is what `row` returns, to the last bit.
         """
         unscaled = self._origin or self._clock is not None or self.rows == 0
-        if unscaled or not self._separated or self._separator is None:
+        by_blanks = self._separator is None and self._count > 1
+        if unscaled or not self._separated or by_blanks:
             return None
         wanted = np.zeros(self._count, np.uint8)
         wanted[self._places] = 1
@@ -185,7 +186,7 @@ class Table:
         found = np.empty((most, int(np.count_nonzero(wanted))))
         ends, newlines = np.empty(most, np.int64), np.empty(most, np.int64)
         text = np.frombuffer(data, np.uint8)
-        separator = self._separator[0]
+        separator = (self._separator or b"\n")[0]  # a line of one cell has none
         shape = (len(data), separator, self._count, wanted, most)
         count = _read_rows(text, *shape, found, ends, newlines)
         columns = np.cumsum(wanted > 0) - 1

@@ -30,11 +30,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Minimum:
-    """Where a function is least, what it is there, and whether the search came to its end."""
+    """Where a function is least, what it is there, and whether the search came to its end.
+
+    With the corners of the last simplex, shape (k + 1, k), and the number of its turns.
+    """
 
     x: Array
     value: float
     converged: bool
+    corners: Array
+    turns: int
 
 
 def minimise(
@@ -46,6 +51,7 @@ def minimise(
     within: float = 1e-4,
     turns: int | None = None,
     until: Callable[[Array], bool] | None = None,
+    after: Minimum | None = None,
 ) -> Minimum:
     """Find a minimum without derivatives (Nelder and Mead, Computer Journal 7, 1965).
 
@@ -63,12 +69,18 @@ def minimise(
         Most of them; 200 k by default.
     until : callable, optional
         Of the best corner, after each turn: where it is true no one needs the minimum any more.
+    after : Minimum, optional
+        Of the same search to fewer digits, which is continued: its end is that of one search.
 
     Examples
     --------
-    >>> found = minimise(lambda p: (p[0] - 1) ** 2 + (p[1] + 2) ** 2, np.zeros(2), np.eye(2))
+    >>> bowl = lambda p: (p[0] - 1) ** 2 + (p[1] + 2) ** 2
+    >>> found = minimise(bowl, np.zeros(2), np.eye(2))
     >>> found.x.round(3).tolist(), found.converged
     ([1.0, -2.0], True)
+    >>> rough = minimise(bowl, np.zeros(2), np.eye(2), x_within=0.1, within=0.1)
+    >>> bool(np.all(minimise(bowl, np.zeros(2), np.eye(2), after=rough).x == found.x))
+    True
     """
     minimize = _of_scipy("minimize", "_minimize")
     if steps is None:
@@ -78,14 +90,16 @@ def minimise(
         if until is not None and until(xk):
             raise StopIteration
 
+    done = after.turns if after else 0
     found = minimize(
         loss, first, method="Nelder-Mead", callback=ended if until else None,
         options={
-            "xatol": x_within, "fatol": within, "maxiter": turns or 200 * len(first),
-            "initial_simplex": np.vstack([first, first + steps]),
+            "xatol": x_within, "fatol": within, "maxiter": (turns or 200 * len(first)) - done,
+            "initial_simplex": after.corners if after else np.vstack([first, first + steps]),
         },
     )  # fmt: skip
-    return Minimum(np.asarray(found.x), float(found.fun), bool(found.success))
+    corners, turns = np.asarray(found.final_simplex[0]), done + int(found.nit) - 1
+    return Minimum(np.asarray(found.x), float(found.fun), bool(found.success), corners, turns)
 
 
 def descend(loss: Callable[[Array], float], first: Array, *, step: float, within: float) -> Array:

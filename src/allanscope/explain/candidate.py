@@ -111,6 +111,10 @@ class Candidate:
         effect, signal = self.finish()
         return replace(self, effect=effect, signal=signal, finish=None)
 
+    def solved(self, effect: EffectKind, signal: Callable[[], Array]) -> Candidate:
+        """Return it with other numbers, and a signal that is made when it is finished."""
+        return replace(self, effect=effect, signal=None, finish=lambda: (effect, signal()))
+
     @property
     def kind(self) -> str:
         """Word of the vocabulary."""

@@ -92,14 +92,17 @@ def presence_of(view: View, low: float, high: float) -> Presence | None:
         reach = parts / length_s
         if grid.n < 2 * parts or low + high < 2 * _FEWEST_WAVES * reach:
             continue
-        inside = np.abs(grid.frequency - (low + high) / 2) < (high - low) / 2 + reach
-        inside &= grid.frequency > min(low, reach)  # what is slower is no part of it
+        near = grid.around((low + high) / 2, (high - low) / 2 + reach)
+        inside = np.abs(grid.frequency[near] - (low + high) / 2) < (high - low) / 2 + reach
+        inside &= grid.frequency[near] > min(low, reach)  # what is slower is no part of it
         if not inside.any():
             continue
-        wave = in_time(view.ordinates * inside)
+        own = np.zeros(grid.n - 1)
+        own[near] = view.ordinates[near] * inside
+        wave = in_time(own)
         edges = np.linspace(0, grid.n, parts + 1).astype(int)
         power = np.add.reduceat(wave**2, edges[:-1])
-        noise = float(view.spectrum.ordinates[inside].sum()) / parts
+        noise = float(view.spectrum.ordinates[near][inside].sum()) / parts
         freedom = max(np.count_nonzero(inside) / parts, 1.0)
         excess = power - noise
         loud = excess > _STANDS_OUT * noise * np.sqrt(2 / freedom)

@@ -107,8 +107,7 @@ def ordinates_of(signal: Array) -> Array:
 
 def step_ordinates(grid: Grid, at: int, size: int) -> Array:
     """First ordinates of a unit step at sample `at`, in closed form."""
-    _, sine = _waves(grid, at, size)
-    return np.asarray(-np.sqrt(2 / grid.n) * sine / (2 * _halves(grid, size)[1]))
+    return np.asarray(-np.sqrt(2 / grid.n) * _sine(grid, at, size) / (2 * _halves(grid, size)[1]))
 
 
 @lru_cache(maxsize=4)
@@ -125,10 +124,15 @@ def _phases(grid: Grid, size: int) -> Array:
 
 
 @lru_cache(maxsize=4)  # a step and what relaxes after it begin together, many with the record
-def _waves(grid: Grid, at: int, size: int) -> tuple[Array, Array]:
-    """Return cos and sin of the phase in which the first cosines are at sample `at`."""
-    phase = _phases(grid, size) * at
-    return np.cos(phase), np.sin(phase)
+def _sine(grid: Grid, at: int, size: int) -> Array:
+    """Return the sine of the phase in which the first cosines are at sample `at`."""
+    return np.asarray(np.sin(_phases(grid, size) * at))
+
+
+@lru_cache(maxsize=4)
+def _cosine(grid: Grid, at: int, size: int) -> Array:
+    """Return its cosine."""
+    return np.asarray(np.cos(_phases(grid, size) * at))
 
 
 @lru_cache(maxsize=64)  # every axis is searched for the same few time constants
@@ -148,7 +152,7 @@ def relaxing_ordinates(grid: Grid, at: int, tau: float, size: int) -> Array:
     .. math:: \sqrt{2/n} \, \mathrm{Re} \left[ \left(e^{i a t_0} - (-1)^k f^{n - t_0}\right)
               \frac{e^{i a / 2}}{1 - f e^{i a}} \right]
     """
-    cosine, sine = _waves(grid, at, size)
+    cosine, sine = _cosine(grid, at, size), _sine(grid, at, size)
     real, imaginary, last = _series(grid, tau, size)
     left = float(np.exp(-(grid.n - at) / (tau * grid.rate_hz)))
     return np.asarray(real * cosine - imaginary * sine - left * last)
@@ -390,7 +394,7 @@ def refit_jointly(view: View, fewest: int = 2) -> View:
         before, found = found, _solved(bare, found)
         if _moved(before, found) < _SETTLED:
             break
-    found = _with_gains(bare, found)
+    found = [candidate.finished() for candidate in _with_gains(bare, found)]
     grown = bare
     for candidate in found:
         grown = grown.accept(candidate)

@@ -47,6 +47,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Evaluation = Callable[[Component], Array]
+Passing = Callable[[Component, Array], Array]
 
 _CLEARLY = 1.5
 """Power of a part over that of all which its scatter does not explain."""
@@ -96,8 +97,9 @@ class Spectrum:
         """Variances of the first m ordinates."""
         if m > self.grid.low:
             return self.ordinates[:m]
-        frequency = self.grid.frequency[:m]
-        return self._sum(self.model, lambda c: self.grid.first(c, m), frequency)
+        grid, frequency = self.grid, self.grid.frequency[:m]
+        passed = self.model.passing_with(lambda one: grid.first_response(one)[:m])
+        return self._sum(self.model, lambda c: grid.first(c, m), frequency, passed)
 
     def at(self, frequency: Array) -> Array:
         """Variance of a DCT ordinate at given frequencies (two-sided density times the rate)."""
@@ -105,12 +107,18 @@ class Spectrum:
 
     def of(self, components: Iterable[Component], frequency: Array) -> Array:
         """Return what some of the components contribute to that, behind the filters."""
-        return self._sum(components, lambda c: self.grid.at(c, frequency), frequency)
+        return self.split([components], frequency)[0]
 
-    def _sum(self, components: Iterable[Component], of: Evaluation, frequency: Array) -> Array:
+    def split(self, groups: Iterable[Iterable[Component]], frequency: Array) -> list[Array]:
+        """Return the same of several groups of components, which pass the filters once."""
+        passed, at = self.model.passing(frequency), cache(lambda c: self.grid.at(c, frequency))
+        return [self._sum(group, at, frequency, passed) for group in groups]
+
+    def _sum(
+        self, components: Iterable[Component], of: Evaluation, frequency: Array, passed: Passing
+    ) -> Array:
         total, floor = np.zeros_like(frequency), np.zeros_like(frequency)
         zeros = any(one.has_zeros for one in self.model.filters)
-        passed = self.model.passing(frequency)
         for component in components:
             part = of(component)
             if zeros:
@@ -129,12 +137,13 @@ class Spectrum:
         smooth = [c for c in self.model if not c.is_narrow]
         nodes = grid.nodes * unit
         if any(one.has_ripples for one in self.model.filters):
-            total = self._sum(smooth, lambda c: grid.interpolate(grid.at(c, nodes)), grid.frequency)
+            passed, every = self.model.passing(grid.frequency), grid.frequency
+            total = self._sum(smooth, lambda c: grid.interpolate(grid.at(c, nodes)), every, passed)
         else:
-            total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes))
-        total[: grid.low] = self._sum(
-            smooth, lambda c: grid.first(c, grid.low), grid.frequency[: grid.low]
-        )
+            passed = self.model.passing_with(grid.node_response)
+            total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes, passed))
+        passed, first = self.model.passing_with(grid.first_response), grid.frequency[: grid.low]
+        total[: grid.low] = self._sum(smooth, lambda c: grid.first(c, grid.low), first, passed)
         for component in self.model:
             if component.is_narrow:
                 total += grid.everywhere(component)
@@ -273,7 +282,7 @@ class SpectrumFitter:
         The shapes are (grid.low,) and (p, grid.low).
         """
         grid, model = self.grid, self.basis.model
-        passed = model.passing(grid.frequency[: grid.low])
+        passed = model.passing_with(grid.first_response)
         fixed, columns = np.zeros(grid.low), []
         for component, is_free in zip(model, self.basis.free, strict=True):
             one = component.with_power(1.0) if is_free else component
@@ -357,11 +366,12 @@ class StepScan:
         q = np.concatenate(
             [[0.0], weight[: self.cells] / (2 * np.sin(np.pi * k / (2 * grid.n))) ** 2]
         )
-        cells = np.asarray(dct(np.append(q[:-1], 2 * q[-1]), type=1)) / 2
-        at = np.arange(grid.n + 1) * (self.cells / grid.n)
-        half = np.interp(at, np.arange(self.cells + 1), cells)
-        self._sum = np.concatenate([half, half[-2::-1]])
+        self._cells = np.asarray(dct(np.append(q[:-1], 2 * q[-1]), type=1)) / 2
+
+    def _sum(self, at: Ints) -> Array:
         """F at 0 to 2 n samples, even about n; linear between the cells."""
+        within = np.minimum(at, 2 * self.n - at) * (self.cells / self.n)
+        return np.interp(within, np.arange(self.cells + 1), self._cells)
 
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""
@@ -370,13 +380,8 @@ class StepScan:
     def boxes(self, first: range, rows: int) -> Array:
         """Gain of boxes of so many rows that begin at evenly spaced samples."""
         begin, end, step = first.start, first.stop, first.step
-        information = (
-            2 * self._sum[0]
-            - self._sum[2 * begin : 2 * end : 2 * step]
-            - self._sum[2 * (begin + rows) : 2 * (end + rows) : 2 * step]
-            - 2 * self._sum[rows]
-            + 2 * self._sum[2 * begin + rows : 2 * end + rows : 2 * step]
-        ) / self.n
+        at = np.arange(begin, end, step)
+        information = self._information_of_box(at, at + rows)
         score = self.score[begin:end:step] - self.score[begin + rows : end + rows : step]
         return self._gain(score, information)
 
@@ -390,24 +395,22 @@ class StepScan:
 
     def _of_step(self, at: Ints) -> tuple[Array, Array]:
         """Return scores and information."""
-        return self.score[at], (self._sum[0] - self._sum[2 * at]) / self.n
+        return self.score[at], (self._cells[0] - self._sum(2 * at)) / self.n
 
     def _of_box(self, first: Ints, last: Ints) -> tuple[Array, Array]:
-        information = (
-            2 * self._sum[0]
-            - self._sum[2 * first]
-            - self._sum[2 * last]
-            - 2 * self._sum[last - first]
-            + 2 * self._sum[first + last]
-        ) / self.n
-        return self.score[first] - self.score[last], information
+        return self.score[first] - self.score[last], self._information_of_box(first, last)
+
+    def _information_of_box(self, first: Ints, last: Ints) -> Array:
+        edges = 2 * self._cells[0] - self._sum(2 * first) - self._sum(2 * last)
+        total = edges - 2 * self._sum(last - first) + 2 * self._sum(first + last)
+        return np.asarray(total / self.n)
 
     def _gain(self, score: Array, information: Array) -> Array:
         """Gain of what has a score, none where all that would know is left out of the fit."""
         return self._size(score, information) * score / 2
 
     def _size(self, score: Array, information: Array) -> Array:
-        is_known = information * self.n > _ROUNDING * self._sum[0]
+        is_known = information * self.n > _ROUNDING * self._cells[0]
         return np.divide(score, information, out=np.zeros(len(score)), where=is_known)
 
     def _place(self, at: Ints, score: Array, information: Array) -> Place:

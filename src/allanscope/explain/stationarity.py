@@ -106,9 +106,10 @@ def _reach(after: View, candidate: Candidate, least: float) -> tuple[float, floa
 
 def _shares(after: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
     """Return the variance of the process and of the noise beside it at some frequencies."""
-    spectrum, added = after.spectrum, len(_adding(candidate))
-    process = spectrum.of(spectrum.model.components[-added:] if added else (), f)
-    return process, np.maximum(spectrum.at(f) - process, 1e-300)
+    components, added = after.spectrum.model.components, len(_adding(candidate))
+    own = components[-added:] if added else ()
+    process, whole = after.spectrum.split((own, components), f)
+    return process, np.maximum(whole - process, 1e-300)
 
 
 def _adding(candidate: Candidate) -> list[Component]:

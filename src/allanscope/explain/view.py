@@ -40,7 +40,7 @@ _MANY = 400
 """Ordinates in a bin whose mean is known to a few per cent."""
 _TRUSTED = 0.9
 """Below this part of q^2/12 the rounding is not white noise of its own."""
-_OF_THE_DATA = ("ordinates", "squares")
+_OF_THE_DATA = ("ordinates", "squares", "of_data")
 """What a view computes that depends on nothing but its data."""
 _HELD = 0.1
 """Share of repeated rows from which the rounding is as little white as what they repeat."""
@@ -119,6 +119,11 @@ class View:
     @once
     def proposed(self) -> dict[str, tuple[Candidate, ...]]:
         """What kinds of effects have proposed (`EffectKind.proposed`)."""
+        return {}
+
+    @once
+    def of_data(self) -> dict[type, Any]:
+        """What kinds of effects keep of the data, whatever the model is."""
         return {}
 
     @once

@@ -79,6 +79,12 @@ class Grid:
         """Frequency of every ordinate in Hz, shape (n - 1,)."""
         return np.arange(1, self.n, dtype=np.float64) * (self.rate_hz / (2 * self.n))
 
+    def around(self, centre: float, reach: float) -> slice:
+        """Return ordinates that hold all which are so near to a frequency, and few others."""
+        unit = self.rate_hz / (2 * self.n)
+        first, stop = (centre - reach) / unit - 2, (centre + reach) / unit + 1
+        return slice(int(np.clip(first, 0, self.n - 1)), int(np.clip(stop, 0, self.n - 1)))
+
     @property
     def low(self) -> int:
         """Number of ordinates kept one by one."""
@@ -139,6 +145,14 @@ class Grid:
     def response(self, low_pass: Filter) -> Array:
         """Return the mean power response of a filter in every bin."""
         return _response(self, low_pass)
+
+    def first_response(self, low_pass: Filter) -> Array:
+        """Return the power response of a filter at the first ordinates, those kept one by one."""
+        return _first_response(self, low_pass)
+
+    def node_response(self, low_pass: Filter) -> Array:
+        """Return the power response of a filter at the nodes."""
+        return _node_response(self, low_pass)
 
     def first(self, component: Component, m: int) -> Array:
         """Return the mean squares of the first m ordinates, of those kept one by one."""
@@ -201,8 +215,8 @@ def _column(grid: Grid, unit: Component) -> Array:
     if unit.band is not None:
         column = _narrow_column(grid, unit, *unit.band)
     else:
-        nodes = _bin_nodes(grid)
-        values = unit.ordinates(nodes.ravel(), grid.n, grid.dt, grid.stride).reshape(nodes.shape)
+        nodes, place = _bin_nodes(grid)
+        values = unit.ordinates(nodes, grid.n, grid.dt, grid.stride)[place]
         column = np.asarray(_SIMPSON @ values)
     column.flags.writeable = False  # it is given away
     return column
@@ -233,14 +247,25 @@ def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) 
 def _response(grid: Grid, low_pass: Filter) -> Array:
     if low_pass.has_ripples:
         return _rippled(grid, low_pass)
-    nodes = _bin_nodes(grid) * (grid.rate_hz / (2 * grid.n))
-    values = low_pass.response(nodes.ravel(), grid.dt).reshape(nodes.shape)
-    return np.asarray(_SIMPSON @ values)
+    nodes, place = _bin_nodes(grid)
+    return np.asarray(
+        _SIMPSON @ low_pass.response(nodes * (grid.rate_hz / (2 * grid.n)), grid.dt)[place]
+    )
 
 
 @lru_cache(maxsize=128)  # of every ordinate: a search asks for the same few again and again
 def _rippled(grid: Grid, low_pass: Filter) -> Array:
     return grid.bin_means(low_pass.response(grid.frequency, grid.dt))
+
+
+@lru_cache(maxsize=16)  # a search changes the components more often than the filters
+def _first_response(grid: Grid, low_pass: Filter) -> Array:
+    return low_pass.response(grid.frequency[: grid.low], grid.dt)
+
+
+@lru_cache(maxsize=16)
+def _node_response(grid: Grid, low_pass: Filter) -> Array:
+    return low_pass.response(grid.nodes * (grid.rate_hz / (2 * grid.n)), grid.dt)
 
 
 @lru_cache(maxsize=64)
@@ -249,11 +274,17 @@ def _first(grid: Grid, unit: Component) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _bin_nodes(grid: Grid) -> Array:
-    """Return the ordinates from which the mean of a bin is found by Simpson's rule, (5, bins)."""
+def _bin_nodes(grid: Grid) -> tuple[Array, NDArray[np.intp]]:
+    """Return the ordinates from which the mean of a bin is found by Simpson's rule.
+
+    Those that differ, and where among them those of every bin are, shape (5, bins): a bin of one
+    ordinate has one.
+    """
     first, last = grid.edges + 1.0, np.append(grid.edges[1:], grid.n - 1.0)
     share = np.linspace(0, 1, len(_SIMPSON))[:, np.newaxis]
-    return np.asarray(first + share * (last - first))
+    nodes = np.asarray(first + share * (last - first))
+    different, place = np.unique(nodes, return_inverse=True)
+    return different, place.reshape(nodes.shape)
 
 
 @lru_cache(maxsize=8)  # a record, its half and what a resumed search needs, for all of its axes

@@ -84,14 +84,15 @@ class NoiseModel:
         return self.passing(frequency)(component, component.density(frequency, self.dt))
 
     def passing(self, frequency: Array) -> Callable[[Component, Array], Array]:
-        """Return how to get what the filters leave of a component's power at frequencies in Hz.
+        """Return how to get what the filters leave of a component's power at frequencies in Hz."""
+        return self.passing_with(lambda one: one.response(frequency, self.dt))
+
+    def passing_with(self, at: Callable[[Filter], Array]) -> Callable[[Component, Array], Array]:
+        """Return the same from what gives the response of one filter.
 
         Most components pass the same filters: each response is computed once.
         """
-
-        @cache
-        def response(one: Filter) -> Array:
-            return one.response(frequency, self.dt)
+        response = cache(at)
 
         @cache
         def combined(filters: tuple[Filter, ...]) -> Array | np.float64:

@@ -29,6 +29,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from importlib import import_module
 from itertools import combinations
 from pkgutil import iter_modules
@@ -349,7 +350,10 @@ class EffectKind(ABC):
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
     ) -> Candidate:
-        """Return the candidate with the amplitudes that a joint regression gave its columns."""
+        """Return the candidate with the amplitudes that a joint regression gave its columns.
+
+        It is to be finished: the signal is made once the last of several regressions is done.
+        """
         del view, amplitude, covariance
         return candidate
 
@@ -397,7 +401,7 @@ class SizedSignal(EffectKind):
 
         def finish() -> tuple[EffectKind, Array | None]:
             covariance = marginal_covariance(view, columns, fit)
-            done = self.solved(view, bare, fit.amplitude, covariance)
+            done = self.solved(view, bare, fit.amplitude, covariance).finished()
             return done.effect, done.signal
 
         bare = Candidate(self, fit.gain, log_alternatives)
@@ -409,7 +413,7 @@ class SizedSignal(EffectKind):
         """Return the candidate with the size that a regression found."""
         size = Estimate.of(float(amplitude[0]), float(np.sqrt(covariance[0, 0])), self._factor.unit)
         sized = replace(self, **{self.sized_by: size})
-        return replace(candidate, effect=sized, signal=sized.signal(view))
+        return candidate.solved(sized, partial(sized.signal, view))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the size by interleaved blocks."""

@@ -299,7 +299,7 @@ def _fitted(
         first = min(family.starts(cutoffs), key=loss)
         steps = 0.15 * np.eye(len(first))
         rough = minimise(loss, first, steps, x_within=0.05, within=0.5, turns=120)
-        exact = partial(minimise, loss, first, steps, within=1e-3, turns=120)
+        exact = partial(minimise, loss, first, steps, within=1e-3, turns=120, after=rough)
         trials.append((family, rough, exact))
     least = min(least, *(rough.value for _, rough, _ in trials))
     most = min(least + _BEHIND, -view.spectrum.loglik - LOW_PASS_PENALTY / 2)

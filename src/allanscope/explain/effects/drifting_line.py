@@ -361,24 +361,31 @@ def _stands_out(view: View, cluster: Cluster) -> bool:
     """Return whether the power is in the cluster: a sweep is as loud beside any piece of it."""
     width = cluster.stop - cluster.first
     reach = max(_BESIDE * width, 32)
-    u = view.squares / view.spectrum.ordinates - 1
     gap = max(2, width // 4)
+
+    def excess(first: int, stop: int) -> Array:
+        part = slice(max(0, first), max(0, stop))
+        return view.squares[part] / view.spectrum.ordinates[part] - 1
+
     beside = np.concatenate(
         [
-            u[max(0, cluster.first - gap - reach) : max(0, cluster.first - gap)],
-            u[cluster.stop + gap : cluster.stop + gap + reach],
+            excess(cluster.first - gap - reach, cluster.first - gap),
+            excess(cluster.stop + gap, cluster.stop + gap + reach),
         ]
     )
     # The median: the next line beside it is no part of it.
     other = float(np.median(beside + 1)) / CHI_SQUARE_MEDIAN - 1
-    own = float(u[cluster.first : cluster.stop].mean())
+    own = float(excess(cluster.first, cluster.stop).mean())
     return bool(other < _CLEARLY * np.sqrt(6 / len(beside)) or own > _ABOVE * other)
 
 
 def _around(view: View, centre: float, reach: float) -> Array:
     """Return the part of the data within a distance of a frequency, in time."""
-    apart = np.abs(view.grid.frequency - centre)
-    return in_time(np.where(apart < min(reach, 0.9 * centre), view.ordinates, 0.0))
+    reach = min(reach, 0.9 * centre)
+    near, own = view.grid.around(centre, reach), np.zeros(view.grid.n - 1)
+    inside = np.abs(view.grid.frequency[near] - centre) < reach
+    own[near] = np.where(inside, view.ordinates[near], 0.0)
+    return in_time(own)
 
 
 def _predicted(view: View, centre: float, width: float, there: Presence | None) -> HeldOut | None:

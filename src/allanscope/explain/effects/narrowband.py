@@ -261,9 +261,10 @@ def misfit(view: View, centre: float, reach: float) -> tuple[float, int]:
     float, int
         Nats, and in how many parts.
     """
-    near = np.flatnonzero(np.abs(view.grid.frequency - centre) < reach)
+    around = view.grid.around(centre, reach)
+    near = np.flatnonzero(np.abs(view.grid.frequency[around] - centre) < reach)
     parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
-    u = view.squares / view.spectrum.ordinates
+    u = view.squares[around] / view.spectrum.ordinates[around]
     ratio = np.array([u[part].mean() for part in parts])
     count = np.array([len(part) for part in parts])
     return float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2, len(parts)
@@ -426,18 +427,20 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | _Fa
         narrow = np.exp(at[3]) < _COLLAPSED * unit
         return bool(narrow and window.flat() - window.loss(at) < price)
 
-    begin = point
+    begin, rough = point, None
     for turn in range(_ROUNDS + 1):
-        # What is beside the band is known only once the band is in the model.
-        window = _window(view, beside, float(begin[2]), float(np.exp(begin[3])), shape)
         width_hz = float(np.exp(begin[3]))
+        if turn != 1:  # which goes on from turn 0
+            # What is beside the band is known only once the band is in the model.
+            window = _window(view, beside, float(begin[2]), width_hz, shape)
         spread = np.diag([0.05, 0.3, 0.3 * width_hz, 0.3])
         is_rough = turn == 0
         x_within, within = (_ROUGHLY, _ROUGHLY) if is_rough else (1e-3 * width_hz, 1e-3)
         found = minimise(
-            window.loss, begin, spread, x_within=x_within, within=within, turns=500, until=is_line
-        )
-        point = found.x
+            *(window.loss, begin, spread), x_within=x_within, within=within, turns=500,
+            until=is_line, after=rough,
+        )  # fmt: skip
+        point, rough = found.x, found if is_rough else None
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < _NARROWEST * unit:
             return _FaintLine() if window.flat() - found.value < price else None

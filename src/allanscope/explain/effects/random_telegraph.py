@@ -382,7 +382,7 @@ def _parts(view: View, tc: float, f: Array) -> list[Array]:
     fit = view.spectrum_with(CorrelatedNoise(1.0, tc))
     white = [c for c in fit.model if isinstance(c, White | Rounding)]
     slow = [c for c in fit.model if isinstance(c, Flicker | RandomWalk)]
-    return [fit.of(some, f) for some in (white, slow, fit.model.components[-1:])]
+    return fit.split((white, slow, fit.model.components[-1:]), f)
 
 
 def posterior(

@@ -113,12 +113,11 @@ class Relaxation(Jump):
 
     def signal(self, view: View) -> Array:
         """Return the jump and its relaxation."""
-        since = (np.arange(view.grid.n) - self.row(view)) / view.grid.rate_hz
+        row, signal = max(self.row(view), 0), np.zeros(view.grid.n)
+        since = (np.arange(row, view.grid.n) - self.row(view)) / view.grid.rate_hz
         creep = self.size.value - self.lasting.value
-        level = self.lasting.value + creep * np.exp(
-            -np.maximum(since, 0.0) / self.time_constant.value
-        )
-        return np.asarray(np.where(since >= 0.0, level, 0.0))
+        signal[row:] = self.lasting.value + creep * np.exp(-since / self.time_constant.value)
+        return signal
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Let the level stay as it relaxed."""
@@ -153,7 +152,7 @@ class Relaxation(Jump):
             time_constant=Estimate.of_log(tc, float(error[2]) / max(abs(creep), 1e-300), "s"),
             lasting=Estimate.of(lasting, float(error[0]), view.unit),
         )
-        return replace(candidate, effect=found, signal=found.signal(view))
+        return candidate.solved(found, partial(found.signal, view))
 
     @classmethod
     def _near(cls, view: View, row: int, tc: float) -> Candidate | None:
@@ -188,7 +187,9 @@ class Relaxation(Jump):
         if not isinstance(effect, cls):  # a step
             return found
         error = float(np.sqrt(covariance[2, 2])) / abs(float(amplitude[1]))
-        return replace(found, finish=lambda: (effect.with_interval(view, error), found.signal))
+        return replace(
+            found, finish=lambda: (effect.with_interval(view, error), effect.signal(view))
+        )
 
     def with_interval(self, view: View, error: float) -> Self:
         """Return it with the interval that holds 95 % of its time constants.
@@ -235,7 +236,7 @@ def _place(view: View, row: int, tc: float, reach: int) -> tuple[int, tuple[floa
     gains = np.empty(len(tried))
     for i, at in enumerate(tried.tolist()):
         columns = _pair(view, at, tc)
-        normal = (columns * weight) @ columns.T
-        projected = (columns * weight) @ view.ordinates[:m]
+        weighted = columns * weight
+        normal, projected = weighted @ columns.T, weighted @ view.ordinates[:m]
         gains[i] = 0.5 * projected @ np.linalg.pinv(normal, hermitian=True) @ projected
     return int(tried[int(np.argmax(gains))]), ends_of(instants_before(tried, gains))

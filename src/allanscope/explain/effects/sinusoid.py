@@ -259,26 +259,52 @@ def _unbiased(fitted: float, error: float) -> float:
     return float(np.sqrt(max(fitted**2 - 2 * error**2, fitted**2 / 4)))
 
 
+@dataclass(frozen=True)
+class _Periodogram:
+    """Frequencies and power of a zero-padded transform, and the running level beside lines.
+
+    Empty where there can be no line, whatever the model is.
+    """
+
+    frequency: Array
+    power: Array
+    level: Array
+
+    @classmethod
+    def of(cls, view: View) -> Self:
+        n, rate = view.grid.n, view.grid.rate_hz
+        size = next_fast_len(2 * n, real=True)
+        lowest = int(_SLOW_CYCLES * size / n) + 1
+        power = (np.abs(rfft(view.data - view.data.mean(), size)) ** 2 / n)[lowest:]
+        if not may_hold_a_line(power, _price(view)):
+            return cls(*(np.empty(0),) * 3)
+        frequency = np.arange(lowest, lowest + len(power)) * rate / size
+        return cls(frequency, power, running_level(power))
+
+
+def _price(view: View) -> float:
+    return float(np.log(0.75 * view.grid.n / ALPHA))
+
+
 def _fast_lines(view: View) -> list[float]:
     n, rate = view.grid.n, view.grid.rate_hz
-    size = next_fast_len(2 * n, real=True)
-    power = np.abs(rfft(view.data - view.data.mean(), size)) ** 2 / n
-    lowest, price = int(_SLOW_CYCLES * size / n) + 1, float(np.log(0.75 * n / ALPHA))
-    if not may_hold_a_line(power[lowest:], price):
+    if Sinusoid not in view.of_data:
+        view.of_data[Sinusoid] = _Periodogram.of(view)
+    seen: _Periodogram = view.of_data[Sinusoid]
+    if not len(seen.power):
         return []
-    frequency = np.arange(len(power)) * rate / size
-    ordinate = np.clip((frequency[lowest:] * 2 * n / rate).astype(int) - 1, 0, n - 2)
+    ordinate = np.clip((seen.frequency * 2 * n / rate).astype(int) - 1, 0, n - 2)
     inside = minimum_filter1d(view.spectrum.kept, 2 * _MARGIN + 1)[ordinate]
     # A resonance in the model is narrower than the blocks of the running level.
-    level = np.maximum(running_level(power[lowest:]), view.spectrum.ordinates[ordinate])
-    ratio = np.where(inside, power[lowest:] / level, 0.0)
+    level = np.maximum(seen.level, view.spectrum.ordinates[ordinate])
+    ratio = np.where(inside, seen.power / level, 0.0)
     found = []
     for _ in range(_PROPOSALS):
         best = int(np.argmax(ratio))
         gain = float(ratio[best])
-        if gain < price:
+        if gain < _price(view):
             break
-        found.append(float(frequency[best + lowest]))
+        found.append(float(seen.frequency[best]))
         ratio[max(0, best - 12) : best + 12] = 0.0
     return found
 

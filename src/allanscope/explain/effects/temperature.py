@@ -204,7 +204,7 @@ class Temperature(EffectKind):
             lag=lag,
             curvature=curvature,
         )
-        return replace(candidate, effect=found, signal=found.signal(view))
+        return candidate.solved(found, partial(found.signal, view))
 
     def signal(self, view: View) -> Array:
         """Return what it adds to the samples, shape (n,)."""
@@ -273,7 +273,7 @@ class Temperature(EffectKind):
             covariance=np.asarray(np.linalg.pinv((columns * weight) @ columns.T, hermitian=True)),
         )
         covariance = marginal_covariance(view, columns, known)
-        done = sized.solved(view, bare, known.amplitude, covariance)
+        done = sized.solved(view, bare, known.amplitude, covariance).finished()
         assert isinstance(done.effect, Temperature)
         return done.effect.with_interval(view), done.signal
 

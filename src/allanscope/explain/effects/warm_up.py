@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -140,7 +141,7 @@ class WarmUp(EffectKind):
         error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         log_error = log_error / max(abs(size), 1e-300)
         found = _warm_up(view, tc, size, float(error), float(log_error))
-        return replace(candidate, effect=found, signal=found.signal(view))
+        return candidate.solved(found, partial(found.signal, view))
 
 
 def _column(view: View, tc: float) -> Array:

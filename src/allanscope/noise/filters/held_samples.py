@@ -115,6 +115,8 @@ def made_white_share(
     filters, dt, at
         As for `combined_response`.
     """
+    if not any(isinstance(one, HeldSamples) for one in filters):
+        return np.float64(0.0)
     passed, made = _passed_and_made_white(filters, dt, at)
     return made / (passed + made)
 

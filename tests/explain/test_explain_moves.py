@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from allanscope.explain import Budget
+from allanscope.explain import Budget, search
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS, gauss_markov, narrowband
@@ -204,13 +204,49 @@ def test_what_others_are_far_from_taking_over_is_not_asked_again(monkeypatch) ->
 def test_what_is_known_of_data_stays_where_they_do() -> None:
     view = view_of(noise(3) + line(7.0, 0.4))
     squares, tone = view.squares, best_of(view, "sinusoid")
-    assert view.with_parts(OnePole(9.0)).without_range(3.0, 4.0).squares is squares
+    other_model = view.with_parts(OnePole(9.0)).without_range(3.0, 4.0)
+    assert other_model.squares is squares
+    assert other_model.of_data[Sinusoid] is view.of_data[Sinusoid]
     without_it = view.accept(tone)
     assert without_it.squares is not squares
+    assert not without_it.of_data
     assert without_it.without(tone).squares is not without_it.squares
     spectrum = without_it.spectrum
     named = without_it.relisted(replace(c, rivals={"narrowband": 9.0}) for c in without_it.accepted)
     assert named.spectrum is spectrum
+
+
+def test_what_is_settled_stays_so_after_what_changes_no_model() -> None:
+    view = view_of(noise(3)).accept(best_of(view_of(noise(3) + line(7.0, 0.4)), "sinusoid"))
+    early, late = KINDS["step"], KINDS["variance_change"]
+    for kind in (early, late):
+        kind.proposed(view)
+    louder = late(*[Estimate.exact(1.0)] * 4, blocks=9, rms=(1.0, 2.0), unit="dps")
+    told = view.accept(Candidate(louder, 9.0))
+    assert list(told.proposed) == [early]
+    assert told.is_fitted_as(view, early.stage)
+    assert not told.is_fitted_as(view, late.stage)
+    other = view.relisted(replace(c, gain=1.0) for c in view.accepted)
+    for changed in (told.with_parts(OnePole(9.0)), told.without_range(3.0, 4.0), other):
+        assert not changed.is_fitted_as(view, early.stage)
+    assert not view.without(view.accepted[0]).is_fitted_as(view, early.stage)
+
+
+def test_what_others_take_over_is_asked_once_where_only_the_noise_level_is_told(
+    monkeypatch,
+) -> None:
+    asked = []
+
+    def ask(view: View, path: SearchPath) -> View:
+        asked.append(view)
+        return drop_taken_over(view, path)
+
+    monkeypatch.setattr(search, "drop_taken_over", ask)
+    data = noise(4)
+    data[: len(data) // 4] *= 1.5
+    found = close_loop(view_of(data))
+    assert [c.kind for c in found.accepted] == ["variance_change"]
+    assert len(asked) == 1
 
 
 def test_a_process_and_a_low_pass_that_are_both_there_stay() -> None:

@@ -27,3 +27,29 @@ def test_filters_beside_a_model_are_those_of_the_whole_model(filters):
     np.testing.assert_array_equal(found.fixed, whole.fixed)
     assert (found.model, found.free, found.held) == (whole.model, whole.free, whole.held)
     np.testing.assert_array_equal(before.basis.columns, unchanged)
+
+
+def test_groups_of_components_are_split_as_each_is_behind_the_filters():
+    grid = grid_of(5000, 104.0)
+    parts, low_pass = (White(1.0), Flicker(0.3), Rounding(0.1)), OnePole(10.0)
+    fitter = SpectrumFitter.of(grid, NoiseModel(parts, grid.dt, (low_pass,)))
+    spectrum = fitter.fit(np.full(len(fitter.dof), 2.0))
+    f = np.array([0.5, 3.0, 40.0])
+    first, *_, last = spectrum.model.components
+    white, rounding, nothing, whole = spectrum.split([[first], [last], [], spectrum.model], f)
+    np.testing.assert_allclose(white, grid.at(first, f) * low_pass.response(f, grid.dt))
+    np.testing.assert_allclose(rounding, grid.at(Rounding(0.1), f))
+    assert nothing.tolist() == [0.0, 0.0, 0.0]
+    np.testing.assert_array_equal(whole, spectrum.at(f))
+
+
+def test_the_first_ordinates_of_a_spectrum_are_those_of_all():
+    grid = grid_of(20_000, 104.0)
+    model = NoiseModel((White(1.0), Flicker(0.3)), grid.dt, (Butterworth(20.0, 2.0),))
+    fitter = SpectrumFitter.of(grid, model)
+    spectrum = fitter.fit(np.full(len(fitter.dof), 2.0))
+    every = spectrum.ordinates
+    for m in (1, 100, grid.low, grid.low + 100):
+        np.testing.assert_array_equal(spectrum.first(m), every[:m])
+    smooth = slice(100, None)  # below, the ends of the record count
+    np.testing.assert_allclose(every[smooth], spectrum.at(grid.frequency[smooth]), rtol=5e-3)

@@ -5,6 +5,7 @@ import pytest
 
 from allanscope.noise import relative_bounds
 from allanscope.noise.components import BandPassed, Narrowband, PeakFiltered, WanderingLine, White
+from allanscope.noise.filters import Butterworth
 from allanscope.noise.grid import Grid
 
 
@@ -36,6 +37,26 @@ def test_between_nodes_the_logarithm_is_linear(rows):
     known = np.log(np.maximum(at_nodes, 1e-300))
     between = np.exp(np.interp(np.arange(1.0, rows), grid.nodes, known))
     np.testing.assert_allclose(grid.interpolate(at_nodes), between, rtol=1e-11)
+
+
+@pytest.mark.parametrize("rows", [3, 5000, 70_001])
+def test_a_filter_passes_into_a_bin_what_it_passes_into_its_ordinates(rows):
+    grid, low_pass = Grid(rows, 104.0), Butterworth(9.0, 2.0)
+    each = low_pass.response(grid.frequency, grid.dt)
+    np.testing.assert_allclose(grid.response(low_pass), grid.bin_means(each), rtol=1e-3, atol=1e-6)
+    alone = np.flatnonzero(grid.count == 1)
+    np.testing.assert_allclose(grid.response(low_pass)[alone], each[grid.edges[alone]])
+
+
+def test_ordinates_around_a_frequency_are_all_that_are_near(rng):
+    for rows in (3, 200, 5001):
+        grid = Grid(rows, 100.0)
+        on = rng.choice(grid.frequency, 100)
+        centres = [*rng.uniform(-5, 60, 100).tolist(), *on.tolist()]
+        for centre, reach in zip(centres, rng.uniform(0, 20, 200).tolist(), strict=True):
+            near, around = np.abs(grid.frequency - centre) < reach, grid.around(centre, reach)
+            assert np.array_equal(np.flatnonzero(near[around]) + around.start, np.flatnonzero(near))
+            assert len(near[around]) <= np.count_nonzero(near) + 6
 
 
 def test_a_narrow_band_costs_no_more_in_a_record_of_weeks():

@@ -84,6 +84,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     budget = budget or Budget()
     path = SearchPath(budget.acceptances, budget.spent_nats)
     settled: dict[int, View] = {}
+    closed: View | None = None
     for _ in range(budget.passes):
         before = len(view.accepted)
         for stage in sorted({kind.stage for kind in KINDS.values()}):
@@ -93,7 +94,8 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
             if stage == _LEVEL_AND_SPECTRUM:
                 replaced = replace_drift(view, path)
                 view = view if replaced is view else _fitted(replaced, path)
-                view = drop_taken_over(view, path)
+                if closed is None or not view.is_fitted_as(closed, stage):
+                    view = closed = drop_taken_over(view, path)
         if len(view.accepted) == before or path.is_full or path.stopped:
             break
     path.enter(int(_FEW * budget.evaluations))

@@ -219,6 +219,11 @@ class Series:
         return {}
 
     @once
+    def steps_of_noise(self) -> dict[tuple[str, float], float]:
+        """Noise of an axis beneath the rounding to a step, as `Quantization` found it."""
+        return {}
+
+    @once
     def equal(self) -> NDArray[np.bool_]:
         """Which rows equal the row before, for every axis, shape (n - 1, axes).
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.part import Part
 from allanscope.noise.quantised import rounding_correlation
 from allanscope.samples import unit_of
+
+if TYPE_CHECKING:
+    from allanscope.explain.effects import EffectKind
 
 __all__ = ["Clock", "View"]
 
@@ -117,7 +121,7 @@ class View:
         return View(self.series, self.grid, self.axis, samples, *known, clock=self.clock)
 
     @once
-    def proposed(self) -> dict[str, tuple[Candidate, ...]]:
+    def proposed(self) -> dict[type[EffectKind], tuple[Candidate, ...]]:
         """What kinds of effects have proposed (`EffectKind.proposed`)."""
         return {}
 
@@ -315,10 +319,18 @@ class View:
             excluded=self.excluded + candidate.excluded,
             accepted=(*self.accepted, candidate),
         )
-        if not candidate.changes_model:  # all that was computed still holds, but for the proposals
-            known = {name: value for name, value in vars(self).items() if name != "proposed"}
-            vars(grown).update(known | vars(grown))
+        if not candidate.changes_model:  # all that was computed still holds, but for proposals
+            before = {k: v for k, v in self.proposed.items() if k.stage < candidate.effect.stage}
+            vars(grown).update(vars(self) | {"proposed": before} | vars(grown))
         return grown
+
+    def is_fitted_as(self, other: View, stage: int) -> bool:
+        """Return whether nothing is different to what is settled in a stage, or before it."""
+        own, others = (
+            [c for c in view.accepted if c.effect.stage <= stage] for view in (self, other)
+        )
+        same = (self.data is other.data, self.parts == other.parts, self.excluded == other.excluded)
+        return all(same) and len(own) == len(others) and all(map(operator.is_, own, others))
 
     def without(self, *candidates: Candidate) -> View:
         """Return the view without some of its effects."""

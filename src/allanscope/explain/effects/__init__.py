@@ -208,9 +208,9 @@ class EffectKind(ABC):
     @classmethod
     def proposed(cls, view: View) -> list[Candidate]:
         """Return what it proposes, as far as ranking needs it; asked once of a view."""
-        if cls.kind not in view.proposed:
-            view.proposed[cls.kind] = tuple(cls.propose(view)) if cls.has_place(view) else ()
-        return list(view.proposed[cls.kind])
+        if cls not in view.proposed:
+            view.proposed[cls] = tuple(cls.propose(view)) if cls.has_place(view) else ()
+        return list(view.proposed[cls])
 
     @classmethod
     def available(cls, view: View) -> bool:

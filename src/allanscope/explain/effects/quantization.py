@@ -58,7 +58,10 @@ class Quantization(EffectKind):
         """Compare the noise beneath the rounding with the step."""
         if view.step <= 0 or float(view.data.std()) > 20 * view.step:
             return []
-        sigma = noise_on_lattice(view.samples, view.step)
+        known, key = view.series.steps_of_noise, (view.axis, view.step)
+        if key not in known:
+            known[key] = noise_on_lattice(view.samples, view.step)
+        sigma = known[key]
         lsb = view.series.lsb[view.series.column(view.axis)]
         span = float(np.ptp(view.samples))
         known_to = max(_KNOWN_TO, lsb / span if view.step > 1.5 * lsb and span > 0 else 0.0)

@@ -185,8 +185,7 @@ class _Path:
     dwell_s: float
     switches: int
     doubt: float
-    """Share of the blocks that are on the wrong level; they move the size by less than twice as
-    much, and its error is as much."""
+    """Share of the size by which blocks that may be on either level move it."""
 
 
 def _moved(view: View) -> float:
@@ -353,7 +352,7 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
         before, rate = rate, float(np.clip(switches / (blocks - 1), 1e-6, 0.4))
         hard = int(np.count_nonzero(np.diff(most)))
         log_prior = hard * np.log(rate) + (blocks - 1 - hard) * np.log1p(-rate)
-        doubt, dwell = 0.5 - 0.5 * float(np.mean(np.abs(state))), _dwell(rate, block_s)
+        doubt, dwell = 1 - float(np.mean(np.abs(state))), _dwell(rate, block_s)
         result = _Path(most, log_prior, log_z - log_joint, size, dwell, hard, doubt)
         slow = _smooth(level - size * state, wiener)
         new = float(np.sum((level - slow) * state) / np.sum(state**2))

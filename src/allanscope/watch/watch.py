@@ -343,14 +343,14 @@ class Watch:
         What was found of it since the track began belongs to it as well.
         """
         size = after - track.before
-        pieces = [one for one in self.tracks.open(track.axis, LEVEL_KINDS) if one is not track]
-        pieces = [one for one in pieces if one.last.block > track.last.block]
         if size * track.last.size <= 0.0 or abs(size) <= abs(track.last.size):
             return False
         first = max(track.last.block - 64, self._level_since(track))
         values = self._scan.values(channel, first)
         first = self.blocks - len(values)
         begin = track.last.block - first
+        others = self.tracks.open(track.axis, LEVEL_KINDS)
+        pieces = [one for one in others if one.last.block > track.last.block]
         places = sorted([begin, *(one.last.block - first for one in pieces), at - first])
         if begin < 8 or not is_one_ramp(values, places):
             return False

@@ -88,3 +88,16 @@ def test_a_band_that_is_there_for_a_while_has_no_name(bench):
     band = 0.03 * turned(noise_of_width(b, 0.4), centre) * (b.t < 800)
     found = explain(b.record(b.noise() + band)).axes["gx"]
     assert "narrowband" not in {e.kind for e in found.effects}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_resonance_that_is_shaken_now_and_then_has_a_name_beside_a_line(bench, seed):
+    b = bench(720 + seed, 600.0)
+    times = b.rng.uniform(0, 600, 40)
+    shaken = sum(np.exp(-(((b.t - at) / 3) ** 2)) for at in times)
+    band = 0.06 * shaken * turned(noise_of_width(b, 0.4), np.full(len(b.t), 7.0))
+    line = 0.05 * np.sin(2 * np.pi * 9.5 * b.t)
+    found = explain(b.record(b.noise() + band + line)).axes["gx"]
+    (effect,) = (e for e in found.effects if e.kind == "narrowband")
+    assert effect.parameters["frequency"].value == pytest.approx(7.0, abs=0.2)
+    assert found.shares.named > 0.95

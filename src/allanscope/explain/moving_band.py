@@ -5,8 +5,8 @@ from what has no name:
 
 * the spectrum of each part of the record is predicted by that of its neighbours,
   :math:`\hat S_p(f) = \tfrac12 (S_{p-1}(f) + S_{p+1}(f))`, or by the mean of all others;
-* it is there all along;
-* its power is spread over many ordinates: that of a modulated tone is in few;
+* it is there in every quarter of the record, though it may come and go;
+* its power is spread as that of noise: that of a modulated tone is in few ordinates;
 * it is in much the same range in both halves: a sweep goes through its range once.
 
 It is in the model as lines that wander around the centres of the parts (`MovingLine`): what it
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 _PARTS = (32, 16, 8)
 """Parts of time, as many as leave each enough ordinates."""
-_FEWEST = 48
+_FEWEST = 24
 """Ordinates of a part within the range."""
 _SMOOTHED = 12
 """Share of these over which the spectrum of a part is smoothed."""
@@ -49,10 +49,10 @@ _QUARTERS = (0.25, 0.5, 0.75)
 where its density is half."""
 _WIDEST = 0.5
 """Width over frequency beyond which no one would call the band narrow."""
-_LEAST_LEVEL = 0.3
-"""Rms of its faintest part over that of its loudest: what is there all along."""
-_LOUDEST, _CONCENTRATED = 8, 0.2
-"""Ordinates that hold no more than this share of the power of noise in so broad a band."""
+_QUARTERS_OF_TIME, _LEAST_LEVEL = 4, 0.3
+"""Parts of the record, and rms in the faintest over that in the loudest."""
+_CONCENTRATED = 2.0
+"""Mean square of the powers of ordinates over that of noise."""
 _USUAL = (0.05, 0.95)
 """Quantiles of the centre over the parts between which it is said to move."""
 _FACTOR = 1.5
@@ -192,16 +192,20 @@ def _predicted(ratio: Array) -> tuple[HeldOut, bool]:
 
 
 def _is_lasting(ratio: Array) -> bool:
-    level = np.sqrt(np.maximum((ratio - 1).sum(axis=1), 0.0))
+    quarters = np.array_split((ratio - 1).sum(axis=1), _QUARTERS_OF_TIME)
+    level = np.sqrt([max(0.0, float(one.mean())) for one in quarters])
     return bool(level.min() > _LEAST_LEVEL * level.max())
 
 
 def _in_few(view: View, cluster: Cluster) -> bool:
-    """Return whether so much of the power is in few ordinates that it is no noise."""
+    """Return whether so much of the power is in few ordinates that it is no noise.
+
+    Squares of noise have a mean square of three times that of their mean, which is smooth.
+    """
     inside = slice(cluster.first, cluster.stop)
-    excess = view.squares[inside] - view.spectrum.ordinates[inside]
-    loudest = np.partition(excess, -_LOUDEST)[-_LOUDEST:]
-    return bool(loudest.sum() > _CONCENTRATED * excess.sum())
+    u = view.squares[inside] / view.spectrum.ordinates[inside]
+    mean = _smoothed(u[None])[0]
+    return bool(np.mean(u**2) > _CONCENTRATED * 3 * np.mean(mean**2))
 
 
 def _alikeness(excess: Array) -> float:

@@ -10,6 +10,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effects.drifting_line import (
@@ -38,6 +41,10 @@ _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
 _LEVEL, _SURELY = 0.5, 3.0
 """Excess over the noise, and that in standard errors, up to which the ends of a range are level."""
+_MAIN = 0.5
+"""Share of their power that one of several clusters holds which may be a band by itself."""
+_GAP = 0.2
+"""Share of a range that has no cluster in it, from which it is no band."""
 _FAINT = 0.01
 """Gain over that of a line within a bandwidth of it, from which a part is more than its tail."""
 
@@ -64,24 +71,39 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         if path.is_spent:
             path.stop("drifting lines")
             parts = [band]
-        lines = [drifting_line(view, cluster, whole) for cluster in parts]
-        if not all(lines) and (one := moving_band(view, band, whole)):
-            found = [one]  # noise has clusters too, by chance
-        elif any(lines):
-            known = [line for line in lines if line is not None]
-            rest = [
-                _without_name(view, part, whole)
-                for part, line in zip(parts, lines, strict=True)
-                if line is None
-            ]
-            found = [*known, *(one for one in rest if not _is_tail(one, known))]
-        else:
-            found = [_without_name(view, band, whole)]
+        found = _found(view, parts, band, whole)
         view = view.without(whole)
         for one in found:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
+
+
+def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) -> list[Candidate]:
+    """Return what a range is made of: lines, bands, and parts without a name."""
+    named = [drifting_line(view, part, whole) for part in parts]
+    if not all(named):
+        if not _is_gapped(parts) and (one := moving_band(view, band, whole)) is not None:
+            return [one]  # noise has clusters too, by chance
+        power = [excess(view, part) for part in parts]
+        main = int(np.argmax(power))
+        if named[main] is None and len(parts) > 1 and power[main] > _MAIN * sum(power):
+            named[main] = moving_band(view, parts[main], whole)
+    if not any(named):
+        return [_without_name(view, band, whole)]
+    known = [name for name in named if name is not None]
+    rest = [
+        _without_name(view, part, whole)
+        for part, name in zip(parts, named, strict=True)
+        if name is None
+    ]
+    return [*known, *(part for part in rest if not _is_tail(part, known))]
+
+
+def _is_gapped(parts: list[Cluster]) -> bool:
+    """Return whether there is nothing in so much of a range that it is no one thing."""
+    widest = max((b.first - a.stop for a, b in pairwise(parts)), default=0)
+    return widest > _GAP * (parts[-1].stop - parts[0].first)
 
 
 def _without_level_ends(view: View, band: Cluster, parts: list[Cluster]) -> Cluster:

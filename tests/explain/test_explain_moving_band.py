@@ -35,6 +35,7 @@ def test_a_resonance_that_drifts_is_a_band_whose_centre_moves(bench, seed):
     assert effect.kind == "narrowband"
     assert effect.evidence["moves"] == pytest.approx(np.quantile(centre, [0.05, 0.95]), abs=0.2)
     assert effect.parameters["sigma"].value == pytest.approx(0.02, rel=0.06)
+    assert "swells" not in effect.evidence
     assert effect.parameters["bandwidth"].value == pytest.approx(0.4, rel=0.25)
     white = found.coefficients_after["N"]
     assert white.value == pytest.approx(N, rel=0.03)
@@ -100,4 +101,6 @@ def test_a_resonance_that_is_shaken_now_and_then_has_a_name_beside_a_line(bench,
     found = explain(b.record(b.noise() + band + line)).axes["gx"]
     (effect,) = (e for e in found.effects if e.kind == "narrowband")
     assert effect.parameters["frequency"].value == pytest.approx(7.0, abs=0.2)
+    least, most = effect.evidence["swells"]
+    assert 3 * least < effect.parameters["sigma"].value < most / 1.5
     assert found.shares.named > 0.95

@@ -55,6 +55,8 @@ _CONCENTRATED = 2.0
 """Mean square of the powers of ordinates over that of noise."""
 _USUAL = (0.05, 0.95)
 """Quantiles of the centre over the parts between which it is said to move."""
+_SURELY = 3.0
+"""Standard errors of the variance of the power over the parts beyond which its level changes."""
 _FACTOR = 1.5
 """Logarithm of the largest factor, and of the least, of what the centres move by."""
 _STEP = 0.05
@@ -99,6 +101,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
         Estimate.of_log(width, 1 / np.sqrt(independent), "Hz"),
         Estimate.of_log(profile.sigma, error, view.unit),
         moves=(float(least), float(most)) if is_moving else None,
+        swells=_swelling(excess, profile.sigma, independent),
     )
     found = replace(searched, gain=gain_of(view, cluster, profile), held_out=held)
     measured = replace(found, excluded=((profile.low, profile.high),), profile=profile)
@@ -195,6 +198,16 @@ def _is_lasting(ratio: Array) -> bool:
     quarters = np.array_split((ratio - 1).sum(axis=1), _QUARTERS_OF_TIME)
     level = np.sqrt([max(0.0, float(one.mean())) for one in quarters])
     return bool(level.min() > _LEAST_LEVEL * level.max())
+
+
+def _swelling(excess: Array, sigma: float, independent: float) -> tuple[float, float] | None:
+    """Return the rms between which a band is in 90 % of the parts; None for what chance makes."""
+    power = excess.sum(axis=1) / excess.sum(axis=1).mean()
+    expected = len(power) / independent
+    if float(np.var(power)) < expected * (1 + _SURELY * np.sqrt(2 / len(power))):
+        return None
+    least, most = sigma * np.sqrt(np.quantile(power, _USUAL))
+    return float(least), float(most)
 
 
 def _in_few(view: View, cluster: Cluster) -> bool:

@@ -46,6 +46,7 @@ from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
 from allanscope.optimise import descend, minimise
+from allanscope.quantities import measured
 
 Array = NDArray[np.float64]
 Shape = Callable[[float, float], Component]
@@ -134,6 +135,8 @@ class Narrowband(EffectKind):
         Frequency in Hz of the band within whose width it lies, where the two were fitted together.
     moves : (float, float) or None
         Between which its centre is in 90 % of the record, in Hz, where it moves (`moving_band`).
+    swells : (float, float) or None
+        Between which its rms is in 90 % of the record, where its level changes.
     """
 
     frequency: Estimate
@@ -141,6 +144,7 @@ class Narrowband(EffectKind):
     sigma: Estimate
     overlaps: float | None = None
     moves: tuple[float, float] | None = None
+    swells: tuple[float, float] | None = None
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
@@ -163,9 +167,12 @@ class Narrowband(EffectKind):
         """What it is, in a phrase."""
         words = f"noise in a band of {self.bandwidth.value:.3g} Hz around "
         words += f"{self.frequency.value:.4g} Hz"
-        if self.moves is None:
-            return words
-        return f"{words}, whose centre moves between {self.moves[0]:.4g} and {self.moves[1]:.4g} Hz"
+        if self.moves is not None:
+            words += f", whose centre moves between {self.moves[0]:.4g} and {self.moves[1]:.4g} Hz"
+        if self.swells is not None:
+            least, most = (measured(one, unit=self.sigma.unit) for one in self.swells)
+            words += f", whose rms is {least} to {most}"
+        return words
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another band is the same hypothesis."""

@@ -91,9 +91,12 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     power = excess.mean(axis=0) * view.spectrum.at(f)
     low, centre, high = np.interp(_QUARTERS, np.cumsum(power) / power.sum(), f).tolist()
     width = high - low
-    if width > _WIDEST * centre or _alikeness(excess) < _ALIKE:
-        return None
     centres = excess @ f / np.maximum(excess.sum(axis=1), 1e-12)
+    bare = view.without(searched)
+    lines = _lines(bare, centres, width)
+    widest = width if lines is None else max(width, lines[0].bandwidth)
+    if widest > _WIDEST * centre or _alikeness(excess) < _ALIKE:
+        return None
     least, most = np.quantile(centres, _USUAL)
     independent = max(1.0, width * view.series.duration_s)
     effect = Narrowband(
@@ -105,8 +108,6 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     )
     found = replace(searched, gain=gain_of(view, cluster, profile), held_out=held)
     measured = replace(found, excluded=((profile.low, profile.high),), profile=profile)
-    bare = view.without(searched)
-    lines = _lines(bare, centres, width)
     if lines is None:
         return replace(measured, effect=effect)
     part, log_error = lines

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS, TWO_SIDED_95
@@ -129,6 +130,26 @@ def test_what_never_changes_is_logged_again_now_and_then_for_late_viewers(tmp_pa
     rows = read_back(tmp_path / "session.rrd")
     for path in ("/gx/allan/grid", "/gx/allan/oadev", "/gx/spectrum/effects/words"):
         assert [row.elapsed_s for row in rows[path]] == [10.0, 15.0, 16.0], path
+
+
+def test_the_layout_of_a_file_is_written_once_with_the_estimators_of_the_end(tmp_path, monkeypatch):
+    sent = []
+    send = rr.RecordingStream.send_blueprint
+    monkeypatch.setattr(
+        rr.RecordingStream, "send_blueprint", lambda *given: sent.append(1) or send(*given)
+    )
+    final = demo_analysis(60.0)
+    first = {
+        name: replace(one, curves={"oadev": one.curves["oadev"]}) for name, one in final.axes.items()
+    }
+    view = RerunView(tmp_path, "none")
+    view.start()
+    view.info(INFO)
+    view.snapshot(replace(final, axes=first, duration_s=10.0))
+    assert view.settle(60.0)
+    view.close(final)
+    assert len(final.axes["gx"].curves) > 3
+    assert len(sent) == 1
 
 
 def test_a_coefficient_is_plotted_once_it_is_detected_and_known_well_enough():

@@ -7,11 +7,12 @@ log calls for ever, and stop the file as well.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import rerun as rr
 
+from allanscope.allan import KINDS
 from allanscope.analysis import Analysis
 from allanscope.errors import DeviceError
 from allanscope.sanitize import one_line
@@ -59,6 +60,9 @@ class Canvas:
         Where everything goes.
     session : mapping
         What is known of the session; see `RerunView`.
+    estimators : sequence of str
+        Those that have a place in the layout from the beginning; others get theirs with their first
+        curve, in a layout that is sent anew.
 
     Attributes
     ----------
@@ -66,7 +70,12 @@ class Canvas:
         What is plotted against the time of the run.
     """
 
-    def __init__(self, recording: rr.RecordingStream, session: Mapping[str, object]) -> None:
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        session: Mapping[str, object],
+        estimators: Sequence[str] = (),
+    ) -> None:
         started = session.get("started_unix_s")
         self._recording = recording
         self._session = {k: v for k, v in session.items() if k != "started_unix_s"}
@@ -75,7 +84,7 @@ class Canvas:
         self._painter = ChartBuilder(self._ink.log)
         self._changes = ChangeLog()
         self._tables: dict[str, str] = {}
-        self._kinds = {DEFAULT_ESTIMATOR: None}
+        self._kinds = dict.fromkeys([DEFAULT_ESTIMATOR, *estimators])
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
     @classmethod
@@ -86,8 +95,11 @@ class Canvas:
 
     @classmethod
     def to_file(cls, session: Mapping[str, object], file: Path) -> Canvas:
-        """Return a canvas that writes to a file."""
-        return cls(open_file(one_line(session.get("name", "allanscope")), file), session)
+        """Return a canvas that writes to a file, with the layout of the last result at once.
+
+        A layout is 1 MB, and takes as long as a result.
+        """
+        return cls(open_file(one_line(session.get("name", "allanscope")), file), session, KINDS)
 
     @classmethod
     def to_output(cls, session: Mapping[str, object], application: str, recording: str) -> Canvas:

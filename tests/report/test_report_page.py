@@ -14,6 +14,7 @@ from allanscope.allan import transfer
 from allanscope.explain import ResidualError
 from allanscope.quantities import count
 from allanscope.report import Picture, render
+from allanscope.report import page as module
 from allanscope.report.page import pictures
 
 HOSTILE = '<script>alert("1")</script><img src=x onerror=alert(1)> & \' $x^2$ {{ 7 * 7 }}'
@@ -265,3 +266,17 @@ def test_garbage_is_collected_after_the_drawing(analysis):
     render(analysis, drawn)
     assert seen == [False] * len(drawn)
     assert gc.isenabled()
+
+
+def test_what_is_drawn_ahead_is_not_drawn_again_with_the_result(analysis, monkeypatch):
+    module._method.cache_clear()
+    module._embedded_method.cache_clear()
+    module.template.cache_clear()
+    whole = render(analysis)
+    module.draw_ahead()
+    drawn = []
+    svg = Picture.svg
+    monkeypatch.setattr(Picture, "svg", lambda one: drawn.append(one) or svg(one))
+    monkeypatch.setattr(module.jinja2, "Environment", None)
+    assert render(analysis) == whole
+    assert len(drawn) == len(pictures(analysis)) - 1

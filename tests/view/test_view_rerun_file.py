@@ -140,7 +140,8 @@ def test_the_layout_of_a_file_is_written_once_with_the_estimators_of_the_end(tmp
     )
     final = demo_analysis(60.0)
     first = {
-        name: replace(one, curves={"oadev": one.curves["oadev"]}) for name, one in final.axes.items()
+        name: replace(one, curves={"oadev": one.curves["oadev"]})
+        for name, one in final.axes.items()
     }
     view = RerunView(tmp_path, "none")
     view.start()

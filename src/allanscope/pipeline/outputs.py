@@ -51,7 +51,7 @@ __all__ = [
 
 _LOOK_EVERY_S = 0.2
 
-REPORT = "allanscope.report.page"
+REPORT = "allanscope.report.ahead"
 """Module that a process which draws a report loads before."""
 
 

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,10 @@ from allanscope.report.stability_tables import stability_tables
 from allanscope.samples import unit_of
 from allanscope.sanitize import sanitize
 
-__all__ = ["pictures", "render", "save_pictures", "template"]
+__all__ = ["draw_ahead", "pictures", "render", "save_pictures", "template"]
+
+_PAGE, _METHOD = "page.html.j2", "transfer"
+"""The template, and the picture that is the same whatever was measured."""
 
 _LOBES = 6.0
 """Of the transfer functions on the page: more are only black."""
@@ -131,7 +134,7 @@ def render(
     svgs = draw_forked(tasks) if forked else {name: task() for name, task in tasks.items()}
     name = analysis.input.get("name", "session")
     zero_g = axis_text.zero_g(analysis)
-    return template("page.html.j2").render(
+    return template(_PAGE).render(
         title=title or f"Noise of {analysis.part or 'a sensor'}: {name}",
         subtitle=axis_text.subtitle(analysis, operator),
         verdict=verdict(analysis),
@@ -165,7 +168,7 @@ def render(
         dynamic_words=axis_text.windows(analysis.dynamic),
         ratio_svg=svgs.get("ratio", ""),
         stability=stability_tables(analysis),
-        transfer_svg=svgs.get("transfer", ""),
+        transfer_svg=svgs.get(_METHOD, ""),
         quality=axis_text.quality(analysis),
         uncertainty=analysis.uncertainty,
         marks=[f"{duration(time_s)}: {text}" for time_s, text in marked_moments(analysis)],
@@ -213,6 +216,13 @@ def _with_cause(finding: Finding) -> str:
     return f"{finding_phrase(finding)}{share_text(finding)}{f'; {cause}' if cause else ''}"
 
 
+def draw_ahead() -> None:
+    """Compile and draw what every page has, before there is a result."""
+    template(_PAGE)
+    _embedded_method()
+
+
+@cache
 def template(name: str) -> jinja2.Template:
     """Return one of the room's templates, with everything escaped by default."""
     folder = Path(__file__).parent / "templates"
@@ -311,7 +321,19 @@ def _command(analysis: Analysis) -> str:
 
 def _embedded(name: str, one: Picture) -> str:
     """Return a picture as it stands on the page."""
-    return one.svg() + one.link(name)
+    return _embedded_method() if one is _method() else one.svg() + one.link(name)
+
+
+@cache
+def _method() -> Picture:
+    """Return the picture of the estimators."""
+    return transfer_picture(_LOBES, 600)
+
+
+@cache
+def _embedded_method() -> str:
+    """Return it as it stands on the page."""
+    return _method().svg() + _method().link(_METHOD)
 
 
 def pictures(analysis: Analysis) -> dict[str, Picture]:
@@ -332,7 +354,7 @@ def pictures(analysis: Analysis) -> dict[str, Picture]:
             )
     if shown:
         found["ratio"] = ratio_picture(shown)
-        found["transfer"] = transfer_picture(_LOBES, 600)
+        found[_METHOD] = _method()
     columns = {name: i for i, name in enumerate(analysis.axes) if name in shown}
     if analysis.dynamic is not None and columns:
         found["dynamic"] = dynamic_picture(analysis.dynamic, columns, marked_moments(analysis))

@@ -57,6 +57,13 @@ _halved = kernel(
 )
 """Join rows (sums, temperature, position, segment) of a segment in pairs; return how many."""
 
+_sums_of = kernel(
+    "history_sums",
+    *(Pointer(np.float64, 2), Pointer(np.int64, 1), int, int, int),
+    Pointer(np.float64, 2, written=True),
+)
+"""Sum as many rows (n, axes) up from each of some rows on."""
+
 _FIRST_ROWS = 1 << 14
 """Rows that there is room for at first: most runs that are tried are short."""
 _TABLE = ("_sums", "_temperature", "_position", "_segment")
@@ -136,9 +143,9 @@ class Record:
         ends = np.cumsum(whole)
         within = np.arange(whole.sum()) - np.repeat(ends - whole, whole)
         first = np.repeat(self.segments[:, 0], whole) + each * within
-        values = self.values[first]
-        for further in range(1, each):
-            values += self.values[first + further]
+        held = np.ascontiguousarray(self.values)
+        values = np.empty((len(first), held.shape[1]))
+        _sums_of(held, first, len(first), each, held.shape[1], values)
         rows = first[:, np.newaxis] + np.arange(each)
         kept = np.column_stack([ends - whole, ends])
         return replace(

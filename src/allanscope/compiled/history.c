@@ -96,3 +96,13 @@ KERNEL(int64_t, history_halve)
     }
     return kept;
 }
+
+/* Sum rows (n, axes) up, `each` of them from each `first` on, in their order. */
+KERNEL(void, history_sums)
+(const double *rows, const int64_t *first, int64_t count, int64_t each, int64_t axes, double *sums) {
+    for (int64_t k = 0; k < count; k++, sums += axes) {
+        const double *from = rows + first[k] * axes;
+        memcpy(sums, from, (size_t)axes * sizeof(double));
+        add_rows_float64(from + axes, each - 1, axes, sums);
+    }
+}

@@ -68,7 +68,8 @@ class PowerLaw(EffectKind):
     meaning = "noise whose density falls with a slope between those of N, B and K"
     phrase = "power-law noise, f^-{exponent}, {density} at 1 Hz"
     as_cause = "power-law noise, f^-{exponent}"
-    sized_by = "density"
+    # Not `sized_by`: as of a `gauss_markov`, what it gains goes by how far its shape is from N, B
+    # and K, and where that is detected the density is no larger.
     is_process = True
     is_single = True
     excluded_by = frozenset({"quantization"})

@@ -279,6 +279,17 @@ def test_hops_in_noise_do_not_scatter_as_the_power_of_a_process_does():
     assert 0.57 < np.std(away) < 1.35
 
 
+@pytest.mark.parametrize("noise", [0.05, 0.3])
+def test_loud_hops_of_a_long_record_are_known_to_the_row(noise: float):
+    """On blocks of eight rows what is left at the hops was more than the path explained."""
+    rng, rate, n = np.random.default_rng(50), 104.0, 1 << 17
+    level = np.where(np.cumsum(rng.random(n) < 1 / (2 * rate)) % 2, 1.0, -1.0)
+    view = view_of(level + noise * rng.standard_normal(n), rate=rate)
+    (found,) = random_telegraph.RandomTelegraph.propose(view)
+    assert found.gain > 20 * found.rivals["gauss_markov"]
+    assert found.effect.amplitude.value == pytest.approx(1.0, abs=2e-3)
+
+
 def test_fast_hops_are_not_taken_for_white_noise():
     """They are louder than the noise up to the top of the band."""
     rng, n, dwell, ratios = np.random.default_rng(39), 2048, 0.6, []

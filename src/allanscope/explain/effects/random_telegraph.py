@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 _BLOCKS = 16384
 """Blocks that a record is cut into at the least, where it has as many rows."""
-_MOST_BLOCKS = 1 << 17
+_MOST_BLOCKS = 1 << 20
 """Most blocks of one path: a longer record shows its hops in a stretch."""
 _LEAST_DOUBT = 0.003
 """Least relative error of the size: hops within blocks draw that of a long record down by half a
@@ -118,7 +118,8 @@ class RandomTelegraph(EffectKind):
             size, dwell_s = twin.effect.sigma.value, 2 * twin.effect.correlation_time.value
             candidates = [_candidate(view, size, dwell_s)]
         elif (moved := _moved(view)) > 0:  # a few slow hops are a random walk to any spectrum
-            candidates = [_candidate(view, moved, view.series.duration_s / k) for k in (15, 45)]
+            dwells = (view.series.duration_s / k for k in (15, 45))
+            candidates = [_candidate(view, moved, dwell, _TO_JUDGE) for dwell in dwells]
         else:
             return
         best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
@@ -169,7 +170,8 @@ class RandomTelegraph(EffectKind):
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""
-        path = _path(view, self.path_amplitude, self.dwell.value, _TO_JUDGE)
+        size, dwell_s = self.path_amplitude, self.dwell.value
+        path = _path(view, size, dwell_s, _judged(view, size, dwell_s))
         if path is None:
             return None
         column = _column(view, path)
@@ -206,19 +208,20 @@ def _column(view: View, path: _Path) -> Array:
     return np.asarray(ordinates_of(full)[np.newaxis, :m])
 
 
-def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
+def _candidate(
+    view: View, amplitude: float, dwell_s: float, per_dwell: float = 0.0
+) -> Candidate | None:
+    """Return hops like these, on so many blocks a dwell, or those that loud hops need."""
     if amplitude**2 * dwell_s < _VISIBLE * view.spectrum.model.value("N") ** 2:
         return None
-    path = _path(view, amplitude, dwell_s, _TO_JUDGE)
+    path = _path(view, amplitude, dwell_s, per_dwell or _judged(view, amplitude, dwell_s))
     if path is None or not _is_lasting(path) or _is_regular(path):
         return None
     fit = joint_fit(view, _column(view, path))
     size = float(fit.amplitude[0])
     if size <= 0:
         return None
-    # When a hop was is known to a block in whose mean the white noise is half as large as the size.
-    known = size**2 * path.dwell_s / max(4 * view.spectrum.model.value("N") ** 2, 1e-300)
-    known = max(_TO_MEASURE, known)
+    known = max(_TO_MEASURE, _known(view, size, path.dwell_s))
     gain = fit.gain + path.log_prior + path.slack
     if gain < 0:  # no hops: their size does not matter
         return _measured(view, path, path, fit, gain)
@@ -227,6 +230,22 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     if finer is None or finer.switches < _FEWEST_SWITCHES:
         part, finer = view, path
     return _measured(view, path, finer, joint_fit(part, _column(part, finer)), gain)
+
+
+def _known(view: View, size: float, dwell_s: float) -> float:
+    """Return into how many blocks a dwell is cut if each tells when a hop was.
+
+    The white noise in the mean of a block is half as large as the size.
+    """
+    return size**2 * dwell_s / max(4 * view.spectrum.model.value("N") ** 2, 1e-300)
+
+
+def _judged(view: View, size: float, dwell_s: float) -> float:
+    """Return blocks in a dwell of the path that is judged.
+
+    Loud hops that are off by a part of a block leave more than the path explains.
+    """
+    return max(_TO_JUDGE, _known(view, size, dwell_s))
 
 
 def _measured(view: View, path: _Path, finer: _Path, fit: Regression, gain: float) -> Candidate:

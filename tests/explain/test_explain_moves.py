@@ -42,6 +42,7 @@ from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
+from allanscope.noise.components import GaussMarkov as CorrelatedNoise
 from allanscope.noise.components import LineProfile, White
 from allanscope.noise.filters import Filter, MovingAverage, OnePole
 
@@ -126,6 +127,17 @@ def test_refit_moves_an_estimate_when_another_effect_has_been_taken_out() -> Non
     assert size == pytest.approx(1.0, abs=0.06)  # three standard errors
     assert path.evaluations == 2
     assert again.spectrum.loglik >= both.spectrum.loglik - 1e-6
+
+
+def test_refit_keeps_a_process_that_would_be_less_likely(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = lfilter([0.3], [1.0, -0.95], noise(9))
+    view = view_of(noise(7) + line(7.0, 1.0) + slow)
+    first = view.accept(best_of(view, "sinusoid"))
+    both = first.accept(best_of(first, "gauss_markov"))
+    former = both.accepted[-1]
+    worse = replace(former, parts=(CorrelatedNoise(1.0, 1e-3),))
+    monkeypatch.setattr(GaussMarkov, "refine", lambda self, view: worse)
+    assert refit(both, SearchPath()).accepted[-1].parts == former.parts
 
 
 def test_refit_keeps_what_would_lose_its_interval(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.gates import is_measured
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
@@ -28,6 +28,8 @@ def estimate_again(view: View, path: SearchPath) -> View:
         path.evaluations += 1
         bare = view.without(candidate)
         again = (candidate.effect.refine(bare) or candidate).finished()
+        if _is_less_likely(bare, again, candidate):
+            again = candidate  # it has ended beside the maximum
         if is_measured(candidate) and not is_measured(again):
             again = candidate  # without intervals it would be dropped, and found again as it was
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
@@ -35,6 +37,13 @@ def estimate_again(view: View, path: SearchPath) -> View:
         order = [again if c is candidate else c for c in view.accepted]
         view = grown.relisted(order)
     return view
+
+
+def _is_less_likely(bare: View, again: Candidate, former: Candidate) -> bool:
+    """Return whether a process is clearly less likely than it was before it was fitted again."""
+    if again is former or former.signal is not None:
+        return False
+    return bare.loglik_with(*again.parts) < bare.loglik_with(*former.parts) - SIMILAR
 
 
 def _was_measured(candidate: Candidate) -> bool:

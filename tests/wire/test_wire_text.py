@@ -766,6 +766,7 @@ def test_an_accelerometer_is_known_by_gravity(unit: str, names: str) -> None:
         ("hh:mm:ss.ms,X_Acc,Y_Acc,Z_Acc", "t ax ay az"),
         ("sys_time,p,q,r,fx,fy,fz", "t gx gy gz ax ay az"),
         ("TimeUS,GyrX,GyrY,GyrZ", "t gx gy gz"),
+        ("PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Mag_X", "- t ax ay az -"),
         ("elapsedRealtimeNanos,rotationRateX,rotationRateY,rotationRateZ", "t gx gy gz"),
         ("gyroRotationX(rad/s),gyroRotationY(rad/s),gyroRotationZ(rad/s)", "gx gy gz"),
         ("a_acc_x,acc_x,a_acc_y,acc_y,a_acc_z,acc_z", "- ax - ay - az"),

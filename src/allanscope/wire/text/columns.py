@@ -45,8 +45,11 @@ _LOOSE = re.compile(
 _TIME = re.compile(
     r"t|ts|(?:(?:imu|sys(?:tem)?|gps)_?)?time(?:_?stamp)?|fieldheaderstamp|(?:seconds_)?elapsed|epoch?|hh:mm:ss\w*"
 )
-_CLOCKS = {"millis": "ms", "micros": "us", "timeus": "us", "elapsedrealtimenanos": "ns"}
-"""Names that tell the unit: Arduino's clocks, ArduPilot's, Android's."""
+_CLOCKS = {
+    **{"millis": "ms", "micros": "us", "timeus": "us", "elapsedrealtimenanos": "ns"},
+    "sampletimefine": "100us",
+}
+"""Names that tell the unit: Arduino's clocks, ArduPilot's, Android's, Xsens's."""
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _BARE_AXIS = re.compile(r"([xyz])(?:[_-]?axis)?[_.]?\d?")
 _GROUPS: Mapping[Quantity, re.Pattern[str]] = {

@@ -39,7 +39,7 @@ DIVISORS: Mapping[Quantity, Mapping[str, float]] = {
         **{"rad/s": math.radians(1.0), "mrad/s": 1e3 * math.radians(1.0), "lsb": 1.0},
     },
     "accel": {"g": 1.0, "mg": 1e3, "ug": 1e6, "m/s2": GRAVITY, "mps2": GRAVITY, "lsb": 1.0},
-    "time": {"s": 1.0, "sec": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9},
+    "time": {"s": 1.0, "sec": 1.0, "ms": 1e3, "100us": 1e4, "us": 1e6, "ns": 1e9},
     "temperature": {"degc": 1.0, "c": 1.0},
 }
 """For each quantity, how many of a unit make one dps, g, s or degC; `lsb` are counts."""

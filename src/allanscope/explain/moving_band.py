@@ -7,7 +7,7 @@ from what has no name:
   :math:`\hat S_p(f) = \tfrac12 (S_{p-1}(f) + S_{p+1}(f))`, or by the mean of all others;
 * it is there in every quarter of the record, though it may come and go;
 * its power is spread as that of noise: that of a modulated tone is in few ordinates;
-* it is in much the same range in both halves: a sweep goes through its range once.
+* it is in much the same range in both halves: a sweep goes through its range once, or to and fro.
 
 It is in the model as lines that wander around the centres of the parts (`MovingLine`): what it
 brings far beside the band belongs to it, not to a process that the search would find there. Where
@@ -64,7 +64,7 @@ _STEP = 0.05
 _MISSHAPEN, _BESIDE = 4.0, 3.0
 """Sigma of what lines that wander may leave of the spectrum of the band, and so far beside it."""
 _ALIKE = 0.5
-"""Cosine between the spectra of the halves of a record: a sweep has 0."""
+"""Cosine between the spectra of halves of a record: a sweep has 0."""
 
 
 def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
@@ -95,7 +95,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     bare = view.without(searched)
     lines = _lines(bare, centres, width)
     widest = width if lines is None else max(width, lines[0].bandwidth)
-    if widest > _WIDEST * centre or _alikeness(excess) < _ALIKE:
+    if widest > _WIDEST * centre or _alikeness(ratio) < _ALIKE:
         return None
     least, most = np.quantile(centres, _USUAL)
     independent = max(1.0, width * view.series.duration_s)
@@ -222,8 +222,14 @@ def _in_few(view: View, cluster: Cluster) -> bool:
     return bool(np.mean(u**2) > _CONCENTRATED * 3 * np.mean(mean**2))
 
 
-def _alikeness(excess: Array) -> float:
-    """Return the cosine between the mean spectra of the two halves of the parts."""
-    half = len(excess) // 2
-    first, second = excess[:half].mean(axis=0), excess[half:].mean(axis=0)
-    return float(first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-12))
+def _alikeness(ratio: Array) -> float:
+    """Return the least cosine between mean spectra of halves of the parts.
+
+    Between the first and the second, and the outer and the inner: what goes to and fro is in its
+    range twice.
+    """
+    first, second, third, last = (
+        quarter.mean(axis=0) for quarter in np.array_split(_smoothed(ratio) - 1, _QUARTERS_OF_TIME)
+    )
+    pairs = (first + second, third + last), (first + last, second + third)
+    return min(float(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-12)) for a, b in pairs)

@@ -63,7 +63,7 @@ _STEP = 0.05
 """Of the logarithms of bandwidth and factor, in which the likelihood is a parabola."""
 _MISSHAPEN, _BESIDE = 4.0, 3.0
 """Sigma of what lines that wander may leave of the spectrum of the band, and so far beside it."""
-_ALIKE = 0.5
+_ALIKE = 0.3
 """Cosine between the spectra of halves of a record: a sweep has 0."""
 
 

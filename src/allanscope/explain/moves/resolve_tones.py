@@ -43,8 +43,9 @@ _LEVEL, _SURELY = 0.5, 3.0
 """Excess over the noise, and that in standard errors, up to which the ends of a range are level."""
 _MAIN = 0.5
 """Share of their power that one of several clusters holds which may be a band by itself."""
-_GAP = 0.2
-"""Share of a range that has no cluster in it, from which it is no band."""
+_GAP, _SOME = 0.2, 0.05
+"""Share of a range that has no cluster in it, from which it is no band; and share of the power that
+a cluster which counts there has at the least."""
 _FAINT = 0.01
 """Gain over that of a line within a bandwidth of it, from which a part is more than its tail."""
 
@@ -83,11 +84,13 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
     """Return what a range is made of: lines, bands, and parts without a name."""
     named = [drifting_line(view, part, whole) for part in parts]
     if not all(named):
-        if not _is_gapped(parts) and (one := moving_band(view, band, whole)) is not None:
-            return [one]  # noise has clusters too, by chance
         power = [excess(view, part) for part in parts]
+        loud = [p for p, own in zip(parts, power, strict=True) if own > _SOME * sum(power)]
         main = int(np.argmax(power))
-        if named[main] is None and len(parts) > 1 and power[main] > _MAIN * sum(power):
+        if not _is_gapped(loud):
+            if (one := moving_band(view, band, whole)) is not None:
+                return [one]  # noise has clusters too, by chance
+        elif named[main] is None and power[main] > _MAIN * sum(power):
             named[main] = moving_band(view, parts[main], whole)
     if not any(named):
         return [_without_name(view, band, whole)]
@@ -102,8 +105,8 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
 
 def _is_gapped(parts: list[Cluster]) -> bool:
     """Return whether there is nothing in so much of a range that it is no one thing."""
-    widest = max((b.first - a.stop for a, b in pairwise(parts)), default=0)
-    return widest > _GAP * (parts[-1].stop - parts[0].first)
+    gaps = [b.first - a.stop for a, b in pairwise(parts)]
+    return bool(gaps) and max(gaps) > _GAP * (parts[-1].stop - parts[0].first)
 
 
 def _without_level_ends(view: View, band: Cluster, parts: list[Cluster]) -> Cluster:

@@ -85,7 +85,8 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
         return None
     f, ratio = parts
     held, is_moving = _predicted(ratio)
-    if held.nats <= held.error or not _is_lasting(ratio) or _in_few(view, cluster):
+    is_steady = _is_lasting(ratio) and _alikeness(ratio) >= _ALIKE
+    if held.nats <= held.error or not is_steady or _in_few(view, cluster):
         return None
     excess = np.maximum(_smoothed(ratio) - 1, 0.0)
     power = excess.mean(axis=0) * view.spectrum.at(f)
@@ -95,7 +96,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     bare = view.without(searched)
     lines = _lines(bare, centres, width)
     widest = width if lines is None else max(width, lines[0].bandwidth)
-    if widest > _WIDEST * centre or _alikeness(ratio) < _ALIKE:
+    if widest > _WIDEST * centre:
         return None
     least, most = np.quantile(centres, _USUAL)
     independent = max(1.0, width * view.series.duration_s)

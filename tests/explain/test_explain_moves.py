@@ -129,11 +129,16 @@ def test_refit_moves_an_estimate_when_another_effect_has_been_taken_out() -> Non
     assert again.spectrum.loglik >= both.spectrum.loglik - 1e-6
 
 
-def test_refit_keeps_a_process_that_would_be_less_likely(monkeypatch: pytest.MonkeyPatch) -> None:
+def line_and_slow_noise() -> View:
+    """Return a view in which a line and Gauss-Markov noise were found, in that order."""
     slow = lfilter([0.3], [1.0, -0.95], noise(9))
     view = view_of(noise(7) + line(7.0, 1.0) + slow)
     first = view.accept(best_of(view, "sinusoid"))
-    both = first.accept(best_of(first, "gauss_markov"))
+    return first.accept(best_of(first, "gauss_markov"))
+
+
+def test_refit_keeps_a_process_that_would_be_less_likely(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = line_and_slow_noise()
     former = both.accepted[-1]
     worse = replace(former, parts=(CorrelatedNoise(1.0, 1e-3),))
     monkeypatch.setattr(GaussMarkov, "refine", lambda self, view: worse)
@@ -142,10 +147,7 @@ def test_refit_keeps_a_process_that_would_be_less_likely(monkeypatch: pytest.Mon
 
 def test_refit_keeps_what_would_lose_its_interval(monkeypatch: pytest.MonkeyPatch) -> None:
     """It would be dropped for that, and found again as it was, until the search is stopped."""
-    slow = lfilter([0.3], [1.0, -0.95], noise(9))
-    view = view_of(noise(7) + line(7.0, 1.0) + slow)
-    first = view.accept(best_of(view, "sinusoid"))
-    both = first.accept(best_of(first, "gauss_markov"))
+    both = line_and_slow_noise()
     former = both.accepted[-1]
     assert is_measured(former)
 

@@ -31,6 +31,8 @@ for _ in range(10):
 more = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 assert more < 200, more
 """
+UNREADABLE = "[type('', (), {'__reduce__': lambda _: (divmod, (1, 0))})(), bytes(1 << 20)]"
+"""Fails when it is read, with more to come than a pipe holds."""
 ODD = """
 class Odd(Exception):
     pass
@@ -106,6 +108,14 @@ def test_a_process_that_was_killed_is_an_error_with_its_code():
         worker.close()
         with pytest.raises(WorkerError, match="was ended"):
             worker.answer()
+
+
+def test_a_process_whose_answer_cannot_be_taken_is_ended_and_answers_nothing_more():
+    with WorkerProcess() as worker:
+        with pytest.raises(WorkerError, match="ZeroDivisionError"):
+            worker.call(eval, UNREADABLE)
+        with pytest.raises(WorkerError, match="ended"):
+            worker.call(operator.add, 1, 2)
 
 
 def test_a_module_that_is_not_there_is_an_error_with_its_name():

@@ -50,6 +50,9 @@ _MEMORY = {
 """It computes with arrays as long as a record, one after the other, and ends: the usual C library
 of Linux is told to keep what was freed for the next one."""
 
+_LAST_WORDS_S = 1.0
+"""In which a process that breaks off has ended, and said why."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -144,8 +147,8 @@ class WorkerProcess:
         assert self._process.stdout is not None
         try:
             error, answer = _load(self._process.stdout, self._shared)
-        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
-            raise self._ended() from None
+        except Exception as broken:  # what comes next would be the rest of this answer
+            raise self._ended(broken) from None
         if error is not None:
             raise error
         return answer
@@ -179,18 +182,26 @@ class WorkerProcess:
         try:
             with self._sending:
                 _dump(message, self._process.stdin, self._shared)
-        except (OSError, ValueError):  # ended, or closed from another thread
-            raise self._ended() from None
+        except (OSError, ValueError) as broken:  # ended, or closed from another thread
+            raise self._ended(broken) from None
 
-    def _ended(self) -> WorkerError:
-        """Return the error of a process that has ended: the last that it said, or its code."""
+    def _ended(self, broken: Exception) -> WorkerError:
+        """Return the error of a process that has ended: the last that it said, or its code.
+
+        One that goes on though its answer could not be taken is ended, or it would wait for ever
+        until the rest is taken.
+        """
         assert self._process is not None
         last = ""
+        try:
+            code = self._process.wait(_LAST_WORDS_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            code, last = self._process.wait(), f"{type(broken).__name__}: {broken}"
         with suppress(ValueError, OSError):  # closed from another thread
-            code = self._process.wait(10.0)
             self._stderr.seek(0)
-            last = self._stderr.read().decode(errors="replace").strip().rpartition("\n")[2]
-            last = last or f"the process ended with code {code}"
+            said = self._stderr.read().decode(errors="replace").strip().rpartition("\n")[2]
+            last = last or said or f"the process ended with code {code}"
         return WorkerError(last or "the process was ended")
 
 

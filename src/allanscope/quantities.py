@@ -202,13 +202,14 @@ def number(value: float | None, digits: int = 3) -> str:
         return "-"
     if value == 0.0:
         return "0"
-    exponent = _exponent(value, digits)
-    if not -4 < exponent < 6:
-        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
-        if "." in mantissa:
-            mantissa = mantissa.rstrip("0").rstrip(".")
-        return f"{mantissa}e{int(power)}"
-    return _fixed(value, digits - 1 - exponent)
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    exponent = int(power)
+    decimals = digits - 1 - exponent
+    if -4 < exponent < 6:  # rounding a number of numpy takes three times as long as printing it
+        return f"{value:.{decimals}f}" if decimals >= 0 else _fixed(value, decimals)
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return f"{mantissa}e{exponent}"
 
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

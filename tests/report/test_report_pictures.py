@@ -113,6 +113,17 @@ def test_what_was_found_is_marked_in_the_density(gallery):
     assert line(ax, "model").get_color() == MODEL
 
 
+def test_a_lag_plot_counts_each_value_against_the_one_before(analysis):
+    record = analysis.record
+    (ax,) = drawn(lag_picture(record, "gx", "dps"))
+    (mesh,) = ax.collections
+    corners = mesh.get_coordinates()
+    x = 1e3 * (record.values[:, 0] - record.values[:, 0].mean())
+    counts = np.histogram2d(x[1:], x[:-1], bins=[corners[:, 0, 1], corners[0, :, 0]])[0]
+    assert counts.sum() > 0.99 * len(x)
+    np.testing.assert_array_equal(np.ma.filled(mesh.get_array(), 0).reshape(counts.shape), counts)
+
+
 def test_a_lag_plot_of_one_value_can_be_drawn(analysis):
     record = analysis.record
     record.values[:, 0] = 0.31

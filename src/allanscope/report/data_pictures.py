@@ -138,8 +138,7 @@ def lag_picture(record: Record, name: str, unit: str) -> Picture:
         part = column[first:last] - column[first:last].mean()
         step = reading.factor * record.lsb[record.axes.index(name)] / record.stride
         edges = _edges(part, step)
-        counts = np.histogram2d(part[:-1], part[1:], bins=[edges, edges])[0]
-        image = np.ma.masked_equal(counts.T, 0)
+        image = np.ma.masked_equal(_pairs(part, edges), 0)
         ax.pcolormesh(edges, edges, image, cmap="viridis", norm="log", rasterized=True)
         ax.set_xlabel(f"{name} at k ({symbols(reading.unit)})")
         ax.set_ylabel(f"{name} at k + 1 ({symbols(reading.unit)})")
@@ -204,6 +203,19 @@ def _edges(part: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     if step > 0.0:
         width = step * max(1, round(width / step))
     return np.asarray(low - width / 2 + width * np.arange(int((high - low) / width) + 2))
+
+
+def _pairs(part: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return how often a value of each cell, a row, follows one of each cell, a column.
+
+    Cells are equally wide, so that none has to be searched for.
+    """
+    cells = len(edges) - 1
+    cell = np.floor((part - edges[0]) / (edges[1] - edges[0]))
+    cell[(cell < 0) | (cell >= cells)] = np.nan
+    pairs = cell[1:] * cells + cell[:-1]
+    counts = np.bincount(pairs[np.isfinite(pairs)].astype(np.int64), minlength=cells**2)
+    return counts.reshape(cells, cells)
 
 
 def _thinned(

@@ -92,6 +92,12 @@ def test_what_is_shared_while_another_thread_calls_does_not_mix_with_the_call():
         assert worker.call(operator.is_, large[1], large[1])
 
 
+def test_nobody_waits_until_a_process_that_computes_takes_what_is_shared():
+    with ThreadPoolExecutor(1) as beside, WorkerProcess() as worker:
+        worker.ask(time.sleep, 600.0)
+        beside.submit(worker.share, np.zeros(1_000_000)).result(timeout=60.0)
+
+
 def test_what_is_printed_there_is_no_answer(capfd):
     with WorkerProcess() as worker:
         assert worker.call(print, "not an answer") is None

@@ -13,6 +13,9 @@ sides, and are named in the pipe instead of copied::
         worker.share(record)
         worker.call(searched, record, "gx")  # `record` is a few bytes here
 
+Arrays are not copied into the pipe's format: they follow it as they are, when there is room in the
+pipe, while whoever shares them goes on.
+
 The process ends with its pipe, so none is left behind by a program that was killed.
 """
 
@@ -27,11 +30,13 @@ import tempfile
 import threading
 import traceback
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, ParamSpec, Self, TypeVar
+from typing import Any, ParamSpec, Self, TypeVar
 
 from allanscope.lazy import defer_unused
 
@@ -79,6 +84,7 @@ class WorkerProcess:
     def __init__(self, preload: str = "", nice: int = 0) -> None:
         self._shared: list[object] = []
         self._calling, self._sending = threading.Lock(), threading.Lock()
+        self._writer = ThreadPoolExecutor(1)
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
         command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
         modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # the same as here
@@ -100,15 +106,12 @@ class WorkerProcess:
     def share(self, *objects: object) -> None:
         """Share objects with the process until the end: they must not change any more.
 
-        It takes them when it has answered what it was asked before.
-
-        Raises
-        ------
-        WorkerError
-            When the process has ended.
+        It takes them when it has answered what it was asked before; nobody waits for that here.
+        That it has ended says the next call.
         """
-        self._send(None, objects)
-        self._shared += objects
+        with self._sending:
+            self._send(None, objects)
+            self._shared += objects
 
     def call(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
         """Return what a function of a module returns there; raise what it raises.
@@ -132,7 +135,14 @@ class WorkerProcess:
         WorkerError
             When the process has ended.
         """
-        self._send(function, arguments, named)
+        if self._process is None:
+            raise WorkerError(self._why_not)
+        try:
+            with self._sending:
+                sent = self._send(function, arguments, named)
+            sent.result()
+        except (OSError, ValueError) as broken:  # ended, or closed from another thread
+            raise self._ended(broken) from None
 
     def answer(self) -> Any:
         """Wait for the call that was begun; return what it returns, raise what it raises.
@@ -175,15 +185,14 @@ class WorkerProcess:
     ) -> None:
         self.close()
 
-    def _send(self, *message: object) -> None:
-        if self._process is None:
-            raise WorkerError(self._why_not)
-        assert self._process.stdin is not None
-        try:
-            with self._sending:
-                _dump(message, self._process.stdin, self._shared)
-        except (OSError, ValueError) as broken:  # ended, or closed from another thread
-            raise self._ended(broken) from None
+    def _send(self, *message: object) -> Future[None]:
+        """Begin to write a message, of which only arrays may not change from now on."""
+        parts = _packed(message, self._shared)
+        return self._writer.submit(self._write, parts)
+
+    def _write(self, parts: list[Any]) -> None:
+        assert self._process is not None
+        _write(parts, self._process.stdin)
 
     def _ended(self, broken: Exception) -> WorkerError:
         """Return the error of a process that has ended: the last that it said, or its code.
@@ -206,10 +215,12 @@ class WorkerProcess:
 
 
 class _Pickler(pickle.Pickler):
-    """Names what both sides hold."""
+    """Names what both sides hold, and leaves arrays where they are."""
 
-    def __init__(self, pipe: BinaryIO, shared: list[object]) -> None:
-        super().__init__(pipe, pickle.HIGHEST_PROTOCOL)
+    def __init__(
+        self, text: BytesIO, shared: list[object], apart: list[pickle.PickleBuffer]
+    ) -> None:
+        super().__init__(text, pickle.HIGHEST_PROTOCOL, buffer_callback=apart.append)
         self._names = {id(one): number for number, one in enumerate(shared)}
 
     def persistent_id(self, one: object) -> int | None:
@@ -217,20 +228,33 @@ class _Pickler(pickle.Pickler):
 
 
 class _Unpickler(pickle.Unpickler):
-    """Finds what both sides hold."""
+    """Finds what both sides hold, and what was left apart."""
 
-    def __init__(self, pipe: BinaryIO, shared: list[object]) -> None:
-        super().__init__(pipe)
+    def __init__(self, text: BytesIO, shared: list[object], apart: list[bytearray]) -> None:
+        super().__init__(text, buffers=apart)
         self.persistent_load = shared.__getitem__  # type: ignore[method-assign]
 
 
-def _dump(message: object, pipe: Any, shared: list[object]) -> None:
-    _Pickler(pipe, shared).dump(message)
+def _packed(message: object, shared: list[object]) -> list[Any]:
+    """Return what is written: sizes, the message, and its arrays."""
+    text, apart = BytesIO(), list[pickle.PickleBuffer]()
+    _Pickler(text, shared, apart).dump(message)
+    parts = [text.getbuffer(), *(one.raw() for one in apart)]
+    return [pickle.dumps([part.nbytes for part in parts]), *parts]
+
+
+def _write(parts: list[Any], pipe: Any) -> None:
+    for part in parts:
+        pipe.write(part)
     pipe.flush()
 
 
 def _load(pipe: Any, shared: list[object]) -> Any:
-    return _Unpickler(pipe, shared).load()
+    text, *apart = [bytearray(size) for size in pickle.load(pipe)]
+    for part in (text, *apart):
+        if pipe.readinto(part) != len(part):
+            raise EOFError
+    return _Unpickler(BytesIO(text), shared, apart).load()
 
 
 def place_of(error: BaseException) -> str:
@@ -285,7 +309,7 @@ def main() -> None:
         except Exception as error:
             answer = _picklable(error), None
         del function, arguments, named
-        _dump(answer, answers, shared)
+        _write(_packed(answer, shared), answers)
         del answer
 
 

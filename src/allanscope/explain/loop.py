@@ -204,8 +204,7 @@ class _Places:
         for place in (None, *workers):
             self._free.put(place)
         for worker in workers:  # before anybody computes: what is pickled must not change meanwhile
-            with suppress(WorkerError):  # says so again when it is asked
-                worker.share(job, job.record, job.series, job.series.grid)
+            worker.share(job, job.record, job.series, job.series.grid)
         self._pool = ThreadPoolExecutor(1 + len(workers))
 
     def each(

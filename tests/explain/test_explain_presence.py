@@ -89,3 +89,31 @@ def test_a_few_waves_are_too_few_for_a_line():
     samples = np.random.default_rng(9).normal(0, 0.04, N) + waves
     view = View.of(series_of(record_of(samples)), "gx")
     assert _predicted(view, 2.1, 0.001, Presence(0.003, ((700.0, 702.0),))) is None
+
+
+def test_a_line_that_hardly_drifts_is_a_line():
+    """Neither a constant nor a predicted amplitude was better, and a line like it had no name."""
+    size, rate = 6000, 104.0
+    t = np.arange(size) / rate
+
+    def wandering(rng: np.random.Generator) -> np.ndarray:
+        k = np.arange(1, 6)
+        amplitude = (rng.normal(size=5) + 1j * rng.normal(size=5)) / k
+        path = np.real(amplitude @ np.exp(2j * np.pi * np.outer(k, t / t[-1])))
+        return np.asarray(path / path.std())
+
+    found = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        columns = [
+            rng.normal(0, 0.04, size)
+            + 0.02 * (1 + 0.2 * wandering(rng)) * np.sin(2 * np.pi * f * t + 0.15 * wandering(rng))
+            for f in (11.3, 23.1, 37.9)
+        ]
+        record = Record(
+            rate_hz=rate, stride=1, axes=("gx", "gy", "gz"), values=np.stack(columns, 1),
+            lsb=(1e-7,) * 3, temperature_c=np.full(size, np.nan), start_s=t,
+            segments=np.array([[0, size]]),
+        )  # fmt: skip
+        found += [[e.kind for e in axis.effects] for axis in explain(record).axes.values()]
+    assert {kind for (kind,) in found} == {"sinusoid", "drifting_line"}

@@ -417,14 +417,24 @@ def _predicted(view: View, centre: float, width: float, there: Presence | None) 
     if seen.sum() <= _SURELY * np.sqrt(len(seen)) * seen.std():
         return None
     predicted = _logliks(left, floor)
-    rivals = [_logliks(middle, floor), _logliks(middle - middle.mean(), floor)]
-    gained = predicted - max(rivals, key=lambda one: float(one.sum()))
+    by_noise, by_constant = _logliks(middle, floor), _logliks(middle - middle.mean(), floor)
+    gained, than = predicted - by_constant, "noise of the same power and a constant line"
+    if by_noise.sum() > by_constant.sum():
+        gained = predicted - by_noise
+    elif abs(gained.sum()) < _scatter(gained):
+        # The search has refused a constant line, which does no better here: it is a line all the
+        # same, and not noise.
+        gained, than = predicted - by_noise, "noise of the same power"
     return HeldOut(
         nats=float(gained.sum()),
-        error=float(np.sqrt(len(gained)) * gained.std()),
-        design=f"each block of {length / rate:.3g} s by its neighbours, against noise of the same "
-        "power and a constant line",
+        error=_scatter(gained),
+        design=f"each block of {length / rate:.3g} s by its neighbours, against {than}",
     )
+
+
+def _scatter(gained: Array) -> float:
+    """Return the standard error of what blocks gain together."""
+    return float(np.sqrt(len(gained)) * gained.std())
 
 
 def _logliks(left: NDArray[np.complex128], floor: float) -> Array:

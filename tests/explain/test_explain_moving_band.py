@@ -7,6 +7,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.drifting_line import drifting_line, range_of
+from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 
 RATE = 52.0
 N = 4e-3
@@ -104,3 +108,28 @@ def test_a_resonance_that_is_shaken_now_and_then_has_a_name_beside_a_line(bench,
     least, most = effect.evidence["swells"]
     assert 3 * least < effect.parameters["sigma"].value < most / 1.5
     assert found.shares.named > 0.95
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_shaken_resonance_beside_a_line_is_a_band_too(bench, seed):
+    """Together they are no band, and only the line had a name."""
+    b = bench(720 + seed, 240.0)
+    shaken = 1 + 0.5 * np.sin(2 * np.pi * b.t / 37)
+    band = 0.045 * turned(noise_of_width(b, 0.3) * shaken, np.full(len(b.t), 6.8))
+    line = 0.045 * np.sin(2 * np.pi * 8.5 * b.t + np.cumsum(b.rng.normal(0, 0.02, len(b.t))))
+    found = explain(b.record(b.noise() + band + line)).axes["gx"]
+    places = [(e.kind, e.parameters.get("frequency")) for e in found.effects]
+    named = [(kind, at.value) for kind, at in places if at is not None and at.value < 12]
+    assert [kind for kind, _ in named] == ["narrowband", "drifting_line"]
+    assert [at for _, at in named] == pytest.approx([6.8, 8.5], abs=0.15)
+
+
+def test_a_line_on_the_slope_of_a_known_band_stands_out(bench):
+    b = bench(730, 240.0)
+    band = 0.14 * turned(noise_of_width(b, 0.3), np.full(len(b.t), 6.8))
+    line = 0.045 * np.sin(2 * np.pi * 7.7 * b.t + 4 * np.pi * np.sin(b.t / 20))
+    view = View.of(series_of(b.record(b.noise() + band + line)), "gx")
+    cluster, slope = range_of(view, 7.56, 7.84), range_of(view, 5.0, 7.54)
+    found = drifting_line(view, cluster, Candidate(None, 0.0, 0.0), slope)
+    assert found.effect.frequency.value == pytest.approx(7.7, abs=0.02)
+    assert drifting_line(view, cluster, Candidate(None, 0.0, 0.0)) is None

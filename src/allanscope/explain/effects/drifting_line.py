@@ -57,6 +57,8 @@ _AROUND, _LOUD = 5, 4.0
 within a range that holds a tone."""
 _LEAST = 30.0
 """Excess of a cluster over the noise, in ordinates of noise."""
+_CORE = 0.7
+"""Share of the power of a part that its core has, where a line stands on the slope of a band."""
 _BRIDGED = 100
 """Ordinates between two loud ones of one line, the sidebands of what is modulated; never more than
 a fiftieth of its frequency."""
@@ -199,6 +201,20 @@ def clusters(view: View, low: float, high: float) -> list[Cluster]:
     return [Cluster(first + c.first, first + c.stop) for c in kept]
 
 
+def core(view: View, cluster: Cluster) -> Cluster:
+    """Return the shortest part of a cluster that holds most of its power: a line on a slope."""
+    inside = slice(cluster.first, cluster.stop)
+    power = view.squares[inside] - view.spectrum.ordinates[inside]
+    below = np.concatenate([[0.0], np.cumsum(power)])
+    # One that begins with ordinate k ends where so much more lies below; beyond the end, none does.
+    begins = np.arange(len(power))
+    ends = np.searchsorted(np.maximum.accumulate(below), below[:-1] + _CORE * below[-1])
+    sizes = np.where(ends < len(below), np.maximum(ends - begins, 1), len(power))
+    first = cluster.first + int(np.argmin(sizes))
+    stop = first + int(sizes.min())
+    return Cluster(max(cluster.first, first - _MARGIN), min(cluster.stop, stop + _MARGIN))
+
+
 def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
     """Return the parts of a cluster between which its density falls far below the peaks of both.
 
@@ -277,7 +293,9 @@ def gain_of(view: View, cluster: Cluster, profile: LineProfile) -> float:
     return max(gain - pieces / 2, 0.0)  # each share was fitted to what it is judged by
 
 
-def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
+def drifting_line(
+    view: View, cluster: Cluster, searched: Candidate, band: Cluster | None = None
+) -> Candidate | None:
     """Return the line that a cluster of ordinates is; None for what is no line.
 
     Parameters
@@ -288,6 +306,8 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
         Where its power is.
     searched : Candidate
         What was found there first: the alternatives that were looked at, and what paid for them.
+    band : Cluster, optional
+        Where something is known, on the slope of which it may stand.
     """
     profile, error = profile_of(view, cluster)
     n, rate = view.grid.n, view.grid.rate_hz
@@ -304,7 +324,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
         return None
     there = presence_of(view, profile.low, profile.high)
     held = _predicted(view, centre, width, there)
-    if held is None or held.nats <= held.error or not _stands_out(view, cluster):
+    if held is None or held.nats <= held.error or not _stands_out(view, cluster, band):
         return None
     independent = max(1.0, width * view.series.duration_s)
     moving = _history(view, centre, width)
@@ -357,26 +377,22 @@ def _bandwidth(f: Array, power: Array, noise: Array, unit: float) -> Estimate:
     )
 
 
-def _stands_out(view: View, cluster: Cluster) -> bool:
+def _stands_out(view: View, cluster: Cluster, band: Cluster | None) -> bool:
     """Return whether the power is in the cluster: a sweep is as loud beside any piece of it."""
     width = cluster.stop - cluster.first
-    reach = max(_BESIDE * width, 32)
-    gap = max(2, width // 4)
-
-    def excess(first: int, stop: int) -> Array:
-        part = slice(max(0, first), max(0, stop))
-        return view.squares[part] / view.spectrum.ordinates[part] - 1
-
-    beside = np.concatenate(
-        [
-            excess(cluster.first - gap - reach, cluster.first - gap),
-            excess(cluster.stop + gap, cluster.stop + gap + reach),
-        ]
-    )
+    reach, gap = max(_BESIDE * width, 32), max(2, width // 4)
+    near = np.zeros(len(view.squares), np.bool_)
+    near[max(0, cluster.first - gap - reach) : cluster.stop + gap + reach] = True
+    near[max(0, cluster.first - gap) : cluster.stop + gap] = False
+    if band is not None:
+        near[band.first : band.stop] = False
+    if not near.any():
+        return False
+    power = view.squares / view.spectrum.ordinates
     # The median: the next line beside it is no part of it.
-    other = float(np.median(beside + 1)) / CHI_SQUARE_MEDIAN - 1
-    own = float(excess(cluster.first, cluster.stop).mean())
-    return bool(other < _CLEARLY * np.sqrt(6 / len(beside)) or own > _ABOVE * other)
+    other = float(np.median(power[near])) / CHI_SQUARE_MEDIAN - 1
+    own = float(power[cluster.first : cluster.stop].mean()) - 1
+    return bool(other < _CLEARLY * np.sqrt(6 / np.count_nonzero(near)) or own > _ABOVE * other)
 
 
 def _around(view: View, centre: float, reach: float) -> Array:

@@ -19,6 +19,7 @@ from allanscope.explain.effects.drifting_line import (
     Cluster,
     DriftingLine,
     clusters,
+    core,
     drifting_line,
     excess,
     gain_of,
@@ -87,11 +88,15 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
         power = [excess(view, part) for part in parts]
         loud = [p for p, own in zip(parts, power, strict=True) if own > _SOME * sum(power)]
         main = int(np.argmax(power))
-        if not _is_gapped(loud):
-            if (one := moving_band(view, band, whole)) is not None:
-                return [one]  # noise has clusters too, by chance
-        elif named[main] is None and power[main] > _MAIN * sum(power):
+        if not _is_gapped(loud) and (one := moving_band(view, band, whole)) is not None:
+            return [one]  # noise has clusters too, by chance
+        if len(parts) > 1 and named[main] is None and power[main] > _MAIN * sum(power):
             named[main] = moving_band(view, parts[main], whole)
+            if named[main] is not None:  # what is on its slopes may be a line there
+                slope = parts[main]
+                for i, part in enumerate(parts):
+                    for inner in (part, core(view, part)):
+                        named[i] = named[i] or drifting_line(view, inner, whole, slope)
     if not any(named):
         return [_without_name(view, band, whole)]
     known = [name for name in named if name is not None]

@@ -11,7 +11,7 @@ cluster, and of a twentieth of the longest stretch where it is there in a part o
 (a compressor that is switched on and off). That is also how it is judged: the amplitude in each
 block is predicted from its two neighbours, which must hold power in the block, and what the
 prediction gains there over noise of the same power, or over a constant line where that does better,
-is the held-out gain.
+is the held-out gain; over noise also where it does as well, for it was refused before.
 In the model it is a component with the measured distribution of its power (`LineProfile`).
 
 It is no `sinusoid`: that has one amplitude and phase all along. It is no `narrowband`: that is

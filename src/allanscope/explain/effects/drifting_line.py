@@ -381,18 +381,18 @@ def _stands_out(view: View, cluster: Cluster, band: Cluster | None) -> bool:
     """Return whether the power is in the cluster: a sweep is as loud beside any piece of it."""
     width = cluster.stop - cluster.first
     reach, gap = max(_BESIDE * width, 32), max(2, width // 4)
-    near = np.zeros(len(view.squares), np.bool_)
-    near[max(0, cluster.first - gap - reach) : cluster.stop + gap + reach] = True
-    near[max(0, cluster.first - gap) : cluster.stop + gap] = False
+    near = slice(max(0, cluster.first - gap - reach), cluster.stop + gap + reach)
+    power = view.squares[near] / view.spectrum.ordinates[near]
+    at = near.start + np.arange(len(power))
+    beside = (at < cluster.first - gap) | (at >= cluster.stop + gap)
     if band is not None:
-        near[band.first : band.stop] = False
-    if not near.any():
+        beside &= (at < band.first) | (at >= band.stop)
+    if not beside.any():
         return False
-    power = view.squares / view.spectrum.ordinates
     # The median: the next line beside it is no part of it.
-    other = float(np.median(power[near])) / CHI_SQUARE_MEDIAN - 1
-    own = float(power[cluster.first : cluster.stop].mean()) - 1
-    return bool(other < _CLEARLY * np.sqrt(6 / np.count_nonzero(near)) or own > _ABOVE * other)
+    other = float(np.median(power[beside])) / CHI_SQUARE_MEDIAN - 1
+    own = float(power[(at >= cluster.first) & (at < cluster.stop)].mean()) - 1
+    return bool(other < _CLEARLY * np.sqrt(6 / np.count_nonzero(beside)) or own > _ABOVE * other)
 
 
 def _around(view: View, centre: float, reach: float) -> Array:

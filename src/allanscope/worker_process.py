@@ -36,7 +36,7 @@ from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ParamSpec, Self, TypeVar
+from typing import Any, BinaryIO, ParamSpec, Self, TypeVar
 
 from allanscope.lazy import defer_unused
 
@@ -109,7 +109,7 @@ class WorkerProcess:
         It takes them when it has answered what it was asked before; nobody waits for that here.
         That it has ended says the next call.
         """
-        with self._sending:
+        with self._sending, suppress(WorkerError):
             self._send(None, objects)
             self._shared += objects
 
@@ -135,8 +135,6 @@ class WorkerProcess:
         WorkerError
             When the process has ended.
         """
-        if self._process is None:
-            raise WorkerError(self._why_not)
         try:
             with self._sending:
                 sent = self._send(function, arguments, named)
@@ -187,31 +185,29 @@ class WorkerProcess:
 
     def _send(self, *message: object) -> Future[None]:
         """Begin to write a message, of which only arrays may not change from now on."""
-        parts = _packed(message, self._shared)
-        return self._writer.submit(self._write, parts)
-
-    def _write(self, parts: list[Any]) -> None:
-        assert self._process is not None
-        _write(parts, self._process.stdin)
+        if self._process is None:
+            raise WorkerError(self._why_not)
+        return self._writer.submit(_write, _packed(message, self._shared), self._process.stdin)
 
     def _ended(self, broken: Exception) -> WorkerError:
         """Return the error of a process that has ended: the last that it said, or its code.
 
-        One that goes on though its answer could not be taken is ended, or it would wait for ever
-        until the rest is taken.
+        One that goes on though its answer could not be taken is ended: it would wait for ever for
+        somebody who takes the rest.
         """
         assert self._process is not None
-        last = ""
         try:
             code = self._process.wait(_LAST_WORDS_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            code, last = self._process.wait(), f"{type(broken).__name__}: {broken}"
-        with suppress(ValueError, OSError):  # closed from another thread
+            self._process.wait()
+            return WorkerError(f"{type(broken).__name__}: {broken}")
+        try:
             self._stderr.seek(0)
-            said = self._stderr.read().decode(errors="replace").strip().rpartition("\n")[2]
-            last = last or said or f"the process ended with code {code}"
-        return WorkerError(last or "the process was ended")
+            last = self._stderr.read().decode(errors="replace").strip().rpartition("\n")[2]
+        except (ValueError, OSError):  # closed from another thread
+            return WorkerError("the process was ended")
+        return WorkerError(last or f"the process ended with code {code}")
 
 
 class _Pickler(pickle.Pickler):
@@ -230,17 +226,17 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Finds what both sides hold, and what was left apart."""
 
-    def __init__(self, text: BytesIO, shared: list[object], apart: list[bytearray]) -> None:
-        super().__init__(text, buffers=apart)
+    def __init__(self, pipe: BinaryIO, shared: list[object], apart: list[bytearray]) -> None:
+        super().__init__(pipe, buffers=apart)
         self.persistent_load = shared.__getitem__  # type: ignore[method-assign]
 
 
 def _packed(message: object, shared: list[object]) -> list[Any]:
-    """Return what is written: sizes, the message, and its arrays."""
+    """Return what is written: the sizes of arrays, the arrays, and the message around them."""
     text, apart = BytesIO(), list[pickle.PickleBuffer]()
     _Pickler(text, shared, apart).dump(message)
-    parts = [text.getbuffer(), *(one.raw() for one in apart)]
-    return [pickle.dumps([part.nbytes for part in parts]), *parts]
+    arrays = [one.raw() for one in apart]
+    return [pickle.dumps([array.nbytes for array in arrays]), *arrays, text.getbuffer()]
 
 
 def _write(parts: list[Any], pipe: Any) -> None:
@@ -250,11 +246,11 @@ def _write(parts: list[Any], pipe: Any) -> None:
 
 
 def _load(pipe: Any, shared: list[object]) -> Any:
-    text, *apart = [bytearray(size) for size in pickle.load(pipe)]
-    for part in (text, *apart):
-        if pipe.readinto(part) != len(part):
+    apart = [bytearray(size) for size in pickle.load(pipe)]
+    for array in apart:
+        if pipe.readinto(array) != len(array):
             raise EOFError
-    return _Unpickler(BytesIO(text), shared, apart).load()
+    return _Unpickler(pipe, shared, apart).load()
 
 
 def place_of(error: BaseException) -> str:

@@ -50,6 +50,11 @@ class HeldOut:
     replicated: bool | None = None
 
 
+def error_of_sum(gained: NDArray[np.float64]) -> float:
+    """Return the standard error of what blocks gain together, by their scatter; shape (n,)."""
+    return float(np.sqrt(len(gained)) * gained.std())
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One effect with everything the loop needs to judge, enter and report it.

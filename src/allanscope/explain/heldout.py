@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.special import chdtrc
 
-from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.candidate import Candidate, HeldOut, error_of_sum
 from allanscope.explain.regression import Regression
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
@@ -81,7 +81,7 @@ def interleaved(
     whole = normal.sum(axis=2), right.sum(axis=1)
     optimism = float(_gain(_amplitude(*whole), *whole) - gained.sum())
     if recurs and not slow:
-        error = float(np.sqrt(len(gained)) * gained.std())
+        error = error_of_sum(gained)
     else:
         variance = 2 * max(fit.gain, 0.0) * _contradiction(signals, white, view.grid.rate_hz)
         error = float(np.sqrt(variance))

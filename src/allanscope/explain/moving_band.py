@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.candidate import Candidate, HeldOut, error_of_sum
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import errors_at
 from allanscope.explain.effects.drifting_line import Cluster, gain_of, profile_of
@@ -185,11 +185,11 @@ def _predicted(ratio: Array) -> tuple[HeldOut, bool]:
 
     by_neighbours, by_others, nothing = map(logliks, (near, others, np.ones_like(near)))
     better = by_neighbours - by_others
-    is_moving = bool(better.sum() > np.sqrt(len(better)) * better.std())
+    is_moving = bool(better.sum() > error_of_sum(better))
     gain = (by_neighbours if is_moving else by_others) - nothing
     held = HeldOut(
         nats=float(gain.sum()),
-        error=float(np.sqrt(len(gain)) * gain.std()),
+        error=error_of_sum(gain),
         design=f"the spectrum of each of {len(gain)} parts by "
         f"{'its neighbours' if is_moving else 'the mean of all others'}, against no band",
     )

@@ -29,7 +29,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.candidate import Candidate, HeldOut, error_of_sum
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.presence import Presence, presence_of
@@ -430,27 +430,22 @@ def _predicted(view: View, centre: float, width: float, there: Presence | None) 
     noise = float(view.spectrum.at(np.array([centre]))[0])
     floor = 4 * noise / length
     seen = (np.abs(middle) ** 2 - np.abs(left) ** 2) / floor
-    if seen.sum() <= _SURELY * np.sqrt(len(seen)) * seen.std():
+    if seen.sum() <= _SURELY * error_of_sum(seen):
         return None
     predicted = _logliks(left, floor)
     by_noise, by_constant = _logliks(middle, floor), _logliks(middle - middle.mean(), floor)
     gained, than = predicted - by_constant, "noise of the same power and a constant line"
     if by_noise.sum() > by_constant.sum():
         gained = predicted - by_noise
-    elif abs(gained.sum()) < _scatter(gained):
+    elif abs(gained.sum()) < error_of_sum(gained):
         # The search has refused a constant line, which does no better here: it is a line all the
         # same, and not noise.
         gained, than = predicted - by_noise, "noise of the same power"
     return HeldOut(
         nats=float(gained.sum()),
-        error=_scatter(gained),
+        error=error_of_sum(gained),
         design=f"each block of {length / rate:.3g} s by its neighbours, against {than}",
     )
-
-
-def _scatter(gained: Array) -> float:
-    """Return the standard error of what blocks gain together."""
-    return float(np.sqrt(len(gained)) * gained.std())
 
 
 def _logliks(left: NDArray[np.complex128], floor: float) -> Array:

@@ -92,11 +92,11 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
             return [one]  # noise has clusters too, by chance
         if len(parts) > 1 and named[main] is None and power[main] > _MAIN * sum(power):
             named[main] = moving_band(view, parts[main], whole)
-            if named[main] is not None:  # what is on its slopes may be a line there
-                slope = parts[main]
-                for i, part in enumerate(parts):
-                    for inner in (part, core(view, part)):
-                        named[i] = named[i] or drifting_line(view, inner, whole, slope)
+            if named[main] is not None:
+                named = [
+                    name or _on_slope(view, part, whole, parts[main])
+                    for name, part in zip(named, parts, strict=True)
+                ]
     if not any(named):
         return [_without_name(view, band, whole)]
     known = [name for name in named if name is not None]
@@ -106,6 +106,12 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
         if name is None
     ]
     return [*known, *(part for part in rest if not _is_tail(part, known))]
+
+
+def _on_slope(view: View, part: Cluster, whole: Candidate, band: Cluster) -> Candidate | None:
+    """Return the line on the slope of a known band that a part beside it is, or that it holds."""
+    found = drifting_line(view, part, whole, band)
+    return found or drifting_line(view, core(view, part), whole, band)
 
 
 def _is_gapped(parts: list[Cluster]) -> bool:

@@ -14,10 +14,11 @@ RATE, N = 100.0, 60_000
 times = np.arange(N) / RATE
 
 
-def record_of(samples: np.ndarray) -> Record:
+def record_of(*columns: np.ndarray, rate: float = RATE) -> Record:
+    n, axes = len(columns[0]), ("gx", "gy", "gz")[: len(columns)]
     return Record(
-        rate_hz=RATE, stride=1, axes=("gx",), values=samples[:, np.newaxis], lsb=(1e-7,),
-        temperature_c=np.full(N, np.nan), start_s=times, segments=np.array([[0, N]]),
+        rate_hz=rate, stride=1, axes=axes, values=np.stack(columns, 1), lsb=(1e-7,) * len(axes),
+        temperature_c=np.full(n, np.nan), start_s=np.arange(n) / rate, segments=np.array([[0, n]]),
     )  # fmt: skip
 
 
@@ -110,10 +111,6 @@ def test_a_line_that_hardly_drifts_is_a_line():
             + 0.02 * (1 + 0.2 * wandering(rng)) * np.sin(2 * np.pi * f * t + 0.15 * wandering(rng))
             for f in (11.3, 23.1, 37.9)
         ]
-        record = Record(
-            rate_hz=rate, stride=1, axes=("gx", "gy", "gz"), values=np.stack(columns, 1),
-            lsb=(1e-7,) * 3, temperature_c=np.full(size, np.nan), start_s=t,
-            segments=np.array([[0, size]]),
-        )  # fmt: skip
-        found += [[e.kind for e in axis.effects] for axis in explain(record).axes.values()]
+        axes = explain(record_of(*columns, rate=rate)).axes.values()
+        found += [[e.kind for e in axis.effects] for axis in axes]
     assert {kind for (kind,) in found} == {"sinusoid", "drifting_line"}

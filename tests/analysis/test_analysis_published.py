@@ -187,6 +187,19 @@ def test_a_source_that_is_told_from_what_it_leaks_into_brings_its_own_n():
     assert axes["gy"].coefficients["N"].decoupled is None
 
 
+def test_noise_whose_amplitude_follows_an_axis_is_in_n_once():
+    rng = np.random.default_rng(8)
+    t = np.arange(SAMPLES) / RATE
+    source = white(rng, 20e-3) * np.exp(np.sin(2 * np.pi * t / 37))
+    own = white(rng, 4e-3) + 0.15 * np.abs(source) * rng.normal(size=SAMPLES)
+    axis = analyse({"gx": own, "gy": source}, RATE).axes["gx"]
+    assert [effect.kind for effect in axis.explanation.effects] == ["amplitude_coupling"]
+    found = axis.coefficients["N"]
+    assert found.value == pytest.approx(own.std() / RATE**0.5, rel=0.02)
+    assert found.decoupled is None
+    assert axis.remarks == ()
+
+
 def test_check_judges_n_as_measured(coupled):
     limits = {"gx": {"N": {"max": 6e-3}}}
     assert not compare(coupled, limits)[0].passed

@@ -112,14 +112,16 @@ def _source(
 
 
 def _sources(explanation: AxisExplanation | None) -> dict[str, tuple[float, float]]:
-    """Return the axes that one was cleaned of, each with its slope and the standard error."""
+    """Return the axes that one was cleaned of, each with its slope and the standard error.
+
+    Noise whose amplitude follows an axis is the axis's own: it was made even, not taken out.
+    """
     found = {}
     for effect in explanation.effects if explanation is not None else ():
-        source, slope = effect.parameters.get("source"), effect.parameters.get("slope")
-        if source is None or slope is None or isinstance(slope.value, str):
+        if effect.kind != "cross_coupling" or not effect.evidence.get("removed", True):
             continue
-        if not effect.evidence.get("removed", True):
-            continue
+        source, slope = effect.parameters["source"], effect.parameters["slope"]
+        assert not isinstance(slope.value, str)
         low = slope.value if slope.lower is None else slope.lower
         high = slope.value if slope.upper is None else slope.upper
         found[str(source.value)] = (slope.value, (high - low) / (2 * TWO_SIDED_95))

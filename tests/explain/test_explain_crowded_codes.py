@@ -177,3 +177,15 @@ def test_a_pile_among_values_without_a_step_is_crowded():
     piled = np.where(np.abs(noise - 0.5) < 0.1, 0.5, noise)
     (found,) = crowded_codes(piled, 0.0)
     assert (found.value, found.side) == (0.5, 0)
+
+
+def test_codes_that_a_correction_spreads_over_some_values_are_not_crowded():
+    """As of an IMU that compensates temperature in fixed point: 77, 78 and 79, then 154 to 156."""
+    rng = np.random.default_rng(9)
+    codes = np.round(rng.normal(0.3, 1.4, 36_000))
+    most = np.where(codes == 1, 0.6, 0.45)  # of one code at one value, of the others less
+    chance = rng.random(len(codes))
+    corrected = 77 * codes + (chance > 0.2) + (chance > 0.2 + most)
+    assert crowded_codes(corrected, 1.0) == ()
+    (pile,) = crowded_codes(np.where(rng.random(len(codes)) < 0.5, corrected, 80.0), 1.0)
+    assert (pile.value, pile.side) == (80.0, 0)

@@ -46,7 +46,7 @@ _FINEST = 0.7
 _NEAR = 0.5
 """Distance from the next value, in deviations, from which an extreme stands apart: no limit."""
 _NEARBY = 2.0
-"""Deviations within which values without a step are as frequent as one of them."""
+"""Deviations within which values without a step, or in clumps, are as frequent as one of them."""
 _EXPECTED = 20.0
 """Arrivals that the codes on both sides let expect where there is none."""
 _CROSSED = 0.02
@@ -101,7 +101,9 @@ def crowded_codes(samples: Array, step: float) -> tuple[CrowdedCode, ...]:
     values, arrivals = counted(codes[moved])
     # Of a value within, a Gaussian of this spread has so many more than of the next.
     peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
-    sizes = np.unique(samples) if step <= 0 else None
+    sizes = None
+    if step <= 0 or _in_clumps(values, arrivals):
+        sizes = np.unique(samples) if step <= 0 else values * step
     found = []
     for i in np.flatnonzero(arrivals >= _FEWEST_ARRIVALS).tolist():
         side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)
@@ -163,6 +165,18 @@ def _codes(samples: Array, step: float) -> NDArray[np.int64]:
     if step > 0:
         return np.asarray(np.round((samples - samples.min()) / step).astype(np.int64))
     return np.asarray(np.unique(samples, return_inverse=True)[1])
+
+
+def _in_clumps(values: NDArray[np.int64], arrivals: NDArray[np.int64]) -> bool:
+    """Return whether most values of the lattice stay empty that noise over them would fill.
+
+    A code of the converter which a correction spreads over some values leaves all between two codes
+    empty.
+    """
+    low, high = np.searchsorted(np.cumsum(arrivals), np.array([0.25, 0.75]) * arrivals.sum())
+    room = int(values[high] - values[low]) + 1
+    occurring = int(high - low) + 1
+    return 2 * occurring < room and int(arrivals[low : high + 1].sum()) > _EXPECTED * room
 
 
 def _is_heaped(arrivals: NDArray[np.int64], i: int, usual: float) -> bool:
@@ -234,7 +248,7 @@ def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step
 
 
 def _nearby(sizes: Array | None, arrivals: NDArray[np.int64], i: int, spread: float) -> float:
-    """Return the arrivals at the fullest of the values near one that have no step.
+    """Return the arrivals at the fullest of the values near one, where no step is between all.
 
     Text has more digits near 0: what lies beside a code of a sensor may be rare values there.
     """

@@ -37,10 +37,10 @@ def test_a_small_bad_sample_beside_a_large_one_is_found_as_well(bench):
     assert effect.parameters["count"].value == 3
 
 
-def view_of(samples):
+def view_of(samples, step=0.0):
     rows = samples[:, np.newaxis]
     series = Series(("gx",), rows, 50.0, 1, (1e-9,), None, np.zeros(len(rows), np.bool_))
-    return View(series, series.grid, "gx", samples, 0.0)
+    return View(series, series.grid, "gx", samples, step)
 
 
 @pytest.mark.parametrize("share", [0.004, 0.016])
@@ -73,3 +73,35 @@ def test_the_largest_of_heavy_tails_in_a_short_record_are_no_outliers(bench, fre
     samples = b.rng.normal(size=rows)
     samples[rows // 2] = 8.0
     assert list(KINDS["outliers"].candidates(view_of(samples)))
+
+
+def test_the_next_code_is_no_outlier_where_nearly_all_samples_have_one_code(bench):
+    b = bench(574)
+    level = np.linspace(0.0, 0.3, 12_000)
+    samples = np.round(level + b.rng.normal(0, 0.09, len(level)))
+    assert 10 < np.count_nonzero(samples) < 200
+    assert not list(KINDS["outliers"].candidates(view_of(samples, step=1.0)))
+    samples[4000] = 1000.0
+    (found,) = KINDS["outliers"].candidates(view_of(samples, step=1.0))
+    assert found.effect.count.value == 1
+
+
+def test_knocks_of_all_sizes_are_outliers_where_the_core_is_gaussian(bench):
+    """As of a desk in use: 60 of 20,000, of 5 to 60 deviations, without a gap between sizes."""
+    b = bench(575)
+    samples = b.rng.normal(size=20_000)
+    at = b.rng.choice(len(samples), 60, replace=False)
+    samples[at] += b.rng.choice([-1, 1], 60) * 5 * (1 + b.rng.pareto(2.0, 60))
+    (found,) = KINDS["outliers"].candidates(view_of(samples))
+    beyond = np.count_nonzero(np.abs(samples[at]) > 6)
+    assert 0.9 * beyond <= found.effect.count.value <= 60
+
+
+@pytest.mark.parametrize("rows", [20, 100])
+def test_bursts_of_noise_are_no_outliers(bench, rows):
+    b = bench(576)
+    for _ in range(8):
+        samples = b.rng.normal(size=12_000)
+        for first in b.rng.integers(0, len(samples) - rows, 6):
+            samples[first : first + rows] *= 6.0
+        assert not list(KINDS["outliers"].candidates(view_of(samples)))

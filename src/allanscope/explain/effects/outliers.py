@@ -6,7 +6,9 @@ limit is the normal quantile of 1 - alpha/(2 n), about six. If the kurtosis of t
 than a Gaussian's, the whole distribution has heavy tails, and only samples that stand apart from
 these are to blame. The largest of a tail that falls as :math:`x^{-\nu}` are apart by chance:
 all :math:`k \ln(x_k / x_{k+1})` are exponential with the mean :math:`1/\nu` (Renyi), which is that
-of the smaller ones.
+of the smaller ones. Many that stand alone are to blame where they are more than Student's t lets
+expect beyond the limit that fits the core: knocks and bit errors leave the core as it is, heavy
+tails do not.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.special import log_ndtr, ndtri
+from scipy.special import log_ndtr, ndtri, pdtrc, stdtr
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -42,6 +44,22 @@ _OWN = 0.6
 """Share of its distance from the mean around it that a sample must be away from both its sides."""
 _FEWEST_IN_TAIL, _MOST_APART = 20, 10
 """Samples that tell how a tail falls at the least, and most apart from it: more are a tail."""
+_BINS, _SCALES, _TAILS = 40, np.linspace(0.7, 1.1, 41), np.linspace(1e-3, 1.0, 41)
+"""Bins of the core up to `_BULK`; scales and inverse degrees of freedom of Student's t there."""
+_WITHIN_NATS = 4.5
+"""Of the likeliest, which these may lose: three standard errors."""
+_TIMES = 8.0
+"""Times as many as expected: no tail is Student's t to the last digit, least of all beside white
+noise."""
+_COARSE = 0.6
+"""Half a step in deviations from which the core of a distribution is not seen."""
+_BESIDE, _QUIET, _MOSTLY = 8, 3.0, 0.8
+"""Rows on each side of a sample that stands alone, their mean square at the most, and the share of
+all samples beyond the limit that stands alone: others are bursts of noise."""
+_RARELY = 0.1
+"""Of what rounding scatters: noise that hardly ever leaves its code."""
+_NEARLY = 0.9
+"""Share of many outliers that are found again in other noise."""
 _MOST = 0.02
 """More than this share of outliers is a distribution. Of up to it, none was named in samples of
 Student's t with 2 to 8 degrees of freedom, Laplace's, or noise of log-normal amplitude."""
@@ -75,9 +93,10 @@ class Outliers(EffectKind):
         return f"{how_many}, up to {most}"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Return whether other outliers are the same: in other noise there are more, or fewer."""
+        """Return whether other outliers are the same, but for a few that other noise makes."""
         del grid
-        return self.count.value == other.count.value
+        fewer, more = sorted([self.count.value, other.count.value])
+        return fewer > _NEARLY * more
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
@@ -86,16 +105,20 @@ class Outliers(EffectKind):
             return []
         n = len(view.data)
         limit = -float(ndtri(ALPHA / (2 * n)))
-        z, level = deviations(view.data)
-        rounding = 0.5 * view.step / max(median(np.abs(view.data - level)) * 1.48, 1e-300)
+        least = view.step / np.sqrt(12 * view.series.stride)  # rounding alone scatters so much
+        z, level = deviations(view.data, least)
+        usual = max(median(np.abs(view.data - level)) * 1.48, _RARELY * least, 1e-300)
+        rounding = 0.5 * view.step / usual
         at = np.flatnonzero(np.abs(z) > limit + rounding)
         at = at[_isolated(view.data, level, at)]
         if len(at) == 0:
             return []
-        at, z, level = _on_their_own(view.data, at, z, limit + rounding)
+        at, z, level = _on_their_own(view.data, at, z, limit + rounding, least)
         others = np.delete(z, at) ** 2
         if np.mean(others**2) > (3.0 + _HEAVY * np.sqrt(24 / n)) * np.mean(others) ** 2:
-            at = at[_apart_from_tails(np.abs(z), at, rounding)]
+            apart = at[_apart_from_tails(np.abs(z), at, rounding)]
+            unseen = len(apart) > 0 or rounding > _COARSE
+            at = apart if unseen else _beyond_the_core(z, at, limit + rounding)
         if len(at) == 0 or len(at) > _MOST * n:
             return []
         signal = np.zeros(n)
@@ -121,17 +144,46 @@ def _apart_from_tails(sizes: Array, at: NDArray[np.int64], rounding: float) -> N
     """
     tail, most = np.sort(sizes)[::-1], min(len(at), _MOST_APART)
     count = max(most + _FEWEST_IN_TAIL, int(np.count_nonzero(tail > _BULK)))
-    tail, bulk = tail[:count], tail[count]
+    bulk = max(float(tail[count]), rounding)
+    tail = np.maximum(tail[:count], bulk)
     logs, k = np.log(tail / bulk), np.arange(1, most + 1)
     others = len(tail) - k
-    mean = (np.cumsum(logs[::-1])[::-1][k] + k * logs[k]) / others
+    mean = np.maximum((np.cumsum(logs[::-1])[::-1][k] + k * logs[k]) / others, 1e-12)
     gap = k * np.log(np.maximum((tail[k - 1] - rounding) / (tail[k] + rounding), 1.0))
     apart = k[others * np.log1p(gap / mean / others) > np.log(most / ALPHA)]
     return sizes[at] >= (tail[apart[-1] - 1] if len(apart) else np.inf)
 
 
+def _beyond_the_core(z: Array, at: NDArray[np.int64], limit: float) -> NDArray[np.int64]:
+    """Return the samples if they stand alone and are too many for tails that fit the core.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n,)
+        Distances of all samples in deviations.
+    at : ndarray of int
+        Those beyond the limit.
+    limit : float
+        In deviations.
+    """
+    squares = np.minimum(z**2, limit**2)
+    squares[at] = 1.0
+    width = 2 * _BESIDE + 1
+    alone = int(np.count_nonzero(uniform_filter1d(squares, width)[at] < _QUIET))
+    edges = np.linspace(0.0, _BULK, _BINS + 1)
+    counts = np.histogram(np.abs(z), edges)[0]
+    freedom, scale = 1 / _TAILS[:, np.newaxis, np.newaxis], _SCALES[:, np.newaxis]
+    chance = np.diff(2 * stdtr(freedom, edges / scale) - 1, axis=2)
+    within = chance.sum(axis=2)
+    loglik = np.log(chance / within[:, :, np.newaxis]) @ counts
+    beyond = 2 * stdtr(freedom[:, :, 0], -limit / scale[:, 0]) / within * counts.sum()
+    expected = _TIMES * float(beyond[loglik > loglik.max() - _WITHIN_NATS].max())
+    is_more = alone > _MOSTLY * len(at) and pdtrc(alone - 1, expected) < ALPHA
+    return at if is_more else at[:0]
+
+
 def _on_their_own(
-    data: Array, at: NDArray[np.int64], z: Array, limit: float
+    data: Array, at: NDArray[np.int64], z: Array, limit: float, least: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Return which of the samples are beyond the limit of a mean that none of them draws.
 
@@ -154,7 +206,7 @@ def _on_their_own(
         for k in largest:
             around = slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1)
             quiet[k] = np.median(data[around][~taken[around]])
-        rest, level, scale = _compared(quiet)
+        rest, level, scale = _compared(quiet, least)
         z = rest / scale
         waiting = waiting[~taken[waiting] & (np.abs(z[waiting]) > limit)]
         if len(waiting) == 0:
@@ -164,13 +216,16 @@ def _on_their_own(
     return found, z, level
 
 
-def deviations(data: Array) -> tuple[Array, Array]:
-    """Return every sample's distance from its neighbours in local deviations, and their mean."""
-    rest, level, scale = _compared(data)
+def deviations(data: Array, least: float = 0.0) -> tuple[Array, Array]:
+    """Return every sample's distance from its neighbours in local deviations, and their mean.
+
+    No deviation is less than `least`.
+    """
+    rest, level, scale = _compared(data, least)
     return rest / scale, level
 
 
-def _compared(data: Array) -> tuple[Array, Array, Array]:
+def _compared(data: Array, least: float) -> tuple[Array, Array, Array]:
     """Return every sample's distance from its neighbours, their mean, and the deviation there."""
     width = 2 * _NEIGHBOURS + 1
     level = (uniform_filter1d(data, width, mode="reflect") * width - data) / (width - 1)
@@ -183,7 +238,7 @@ def _compared(data: Array) -> tuple[Array, Array, Array]:
         # The mean of what is below 3 medians: exact to a per cent on a lattice too.
         core = part[part <= 4.5 * max(median(part), 1e-300)]
         scale[b] = np.sqrt(np.mean(core**2)) * 1.009
-    scale = np.maximum(scale, 0.2 * np.median(scale) + 1e-300)
+    scale = np.maximum(scale, max(0.2 * np.median(scale), least, 1e-300))
     smooth = np.interp(np.arange(len(data)), 0.5 * (edges[:-1] + edges[1:]), scale)
     return rest, level, smooth
 

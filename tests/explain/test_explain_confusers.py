@@ -225,6 +225,17 @@ def test_axes_that_are_shaken_together_do_not_follow_each_other(bench, seed):
         assert "amplitude_coupling" not in found
 
 
+def test_what_shakes_two_axes_now_and_then_is_no_coupling(bench):
+    """A leak is there while the source rests, too, even into an axis that is shaken besides."""
+    b = bench(725, 600.0)
+    shaken = (b.t % 60 < 8) * b.noise()
+    together = kinds(explain(b.record(b.noise() + shaken, b.noise() + 2 * shaken)))
+    assert not any("cross_coupling" in found for found in together.values())
+    source = b.noise() + 2 * shaken
+    leaked = kinds(explain(b.record(b.noise() + 0.3 * source + 0.2 * shaken, source)))
+    assert "cross_coupling" in leaked["gx"]
+
+
 def test_noise_that_follows_another_axis_does_so_more_than_once(bench):
     """One event that shakes both axes tells nothing, though it shakes one of them most."""
     b = bench(724, 600.0)

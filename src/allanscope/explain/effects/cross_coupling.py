@@ -1,15 +1,16 @@
 r"""Another axis leaks in: misalignment, g-sensitivity, a shared supply.
 
-y = c x + rest holds at every frequency and without lag, which a common vibration (one frequency)
-or a common temperature (only slow) does not: the slopes found in separate frequency bands must
-agree. Two axes that sense one source through a structure, as those on a board with a fan, agree in
-nothing but that it is there: the structure turns the phase, so their cross-spectrum has a
-quadrature part, and a leak has none. What is beside a line of either axis is left out: the skirts
-of a motor's lines are alike on all axes that it shakes. A tilt is slow, so slow bands are looked at
-too; there what the measured temperature explains is taken out of both axes first, and what is known
-by its slow part alone has the temperature as an equivalent. Which axis is the source cannot be seen
-in white noise of equal colour; the direction is taken in which source and rest together are more
-probable,
+y = c x + rest holds at every frequency and without lag, which a common vibration (one frequency) or
+a common temperature (only slow) does not: the slopes found in separate frequency bands must agree.
+So must those of stretches in which the source is quiet and loud: what shakes a board now and then
+moves all axes at once, and is no leak. Two axes that sense one source through a structure, as those
+on a board with a fan, agree in nothing but that it is there: the structure turns the phase, so
+their cross-spectrum has a quadrature part, and a leak has none. What is beside a line of either
+axis is left out: the skirts of a motor's lines are alike on all axes that it shakes. A tilt is
+slow, so slow bands are looked at too; there what the measured temperature explains is taken out of
+both axes first, and what is known by its slow part alone has the temperature as an equivalent.
+Which axis is the source cannot be seen in white noise of equal colour; the direction is taken in
+which source and rest together are more probable,
 
 .. math:: L(x) + L(y - c x) \quad \text{against} \quad L(y) + L(x - c' y).
 
@@ -36,7 +37,7 @@ from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved_signal
-from allanscope.explain.series import LOUD, Source, multiple_of
+from allanscope.explain.series import LOUD, Source, in_time, multiple_of
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 
@@ -51,6 +52,11 @@ _BANDS = 10
 _IN_QUADRATURE, _TURNED_P = 0.1, 1e-4
 """Part of the gain that the quadrature may have, as filters that differ turn the phase a little,
 and the chance of what is more than none."""
+_STRETCHES = 24
+"""Stretches of the record, of which half are those in which the source is quiet."""
+_OF_THE_LOUD, _APART = 0.5, 4.0
+"""Ratio of the slope in these to that in the others below which it is another one, where it is so
+many standard errors away from it."""
 _OF_THE_TAPER = 35 / 18
 """Variance of a sum over tapered bins over that of as many independent ones (Hann)."""
 _AMBIGUOUS = 3.0
@@ -199,7 +205,7 @@ def _candidate(view: View, name: str, d: Array) -> Candidate | None:
         return None
     alternatives = (len(view.series.axes) - 1) * len(view.sources(name))
     price = float(chdtri(1, ALPHA / alternatives)) / 2
-    if found.gain < price or not _same_everywhere(d, found):
+    if found.gain < price or not _same_everywhere(d, found) or not _same_all_along(d, found):
         return None
     # Of two that are one signal neither couples into the other.
     if multiple_of(view.series, view.axis, name) is not None or not _in_phase(view, found):
@@ -274,6 +280,28 @@ def _same_everywhere(d: Array, found: _Followed) -> bool:
             distance += (own - slope) ** 2 * normal
             freedom += 1
     return freedom < 1 or bool(chdtrc(freedom, distance) > 1e-3)
+
+
+def _same_all_along(d: Array, found: _Followed) -> bool:
+    """Return whether it is there while the source is quiet, as far as that can be told."""
+    root = np.sqrt(found.weight)
+    x, y = (in_time(one * root) for one in (found.ordinates, d))
+    stretches = np.array_split(np.arange(len(x)), _STRETCHES)
+    stretches.sort(key=lambda rows: float(np.mean(x[rows] ** 2)))
+    quiet, loud = (
+        _slope(np.concatenate(half), x, y)
+        for half in (stretches[: _STRETCHES // 2], stretches[_STRETCHES // 2 :])
+    )
+    apart = abs(loud[0] - quiet[0]) > _APART * np.hypot(quiet[1], loud[1])
+    return not apart or quiet[0] / loud[0] > _OF_THE_LOUD
+
+
+def _slope(rows: NDArray[np.intp], x: Array, y: Array) -> tuple[float, float]:
+    """Return the slope in some rows and its standard error, under the noise there."""
+    normal = max(float(x[rows] @ x[rows]), np.finfo(float).tiny)
+    slope = float(x[rows] @ y[rows]) / normal
+    variance = float(np.mean((y[rows] - slope * x[rows]) ** 2))
+    return slope, float(np.sqrt(variance / normal))
 
 
 def _in_phase(view: View, found: _Followed) -> bool:

@@ -18,6 +18,7 @@ from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.outliers import Outliers
+from allanscope.explain.effects.shock import Shock
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.gates import (
@@ -287,6 +288,24 @@ def test_outliers_that_a_coupling_explains_are_given_back(bad: float) -> None:
     assert [c.kind for c in left.accepted] == ["amplitude_coupling"]
     again = proposals(left, [KINDS["outliers"]], path)
     assert [c.parameters["count"].value for c in (one.effect for one in again)] == [1] * bool(bad)
+
+
+@pytest.mark.parametrize("times", [1.0, 3.0])
+def test_a_burst_is_given_back_to_noise_that_is_as_loud_as_it(times: float) -> None:
+    rng = np.random.default_rng(3)
+    size = int(RATE) // 2
+    envelope = np.repeat(np.exp(rng.normal(0, 0.8, N // size)), size)
+    axis = noise(12) * np.sqrt(0.8 + 0.2 * envelope**2 / np.mean(envelope**2))
+    axis[1000:1100] *= times
+    rows = np.column_stack([axis, 3 * envelope * noise(13)])
+    series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, np.zeros(N, np.bool_))
+    vars(series)["shocks"] = ()  # none is found again
+    burst = Shock(*(Estimate(one) for one in (1000 / RATE, 100 / RATE, 9.0)))
+    signal = np.where((np.arange(N) >= 1000) & (np.arange(N) < 1100), axis, 0.0)
+    view = View(series, series.grid, "gx", axis, 0.0).accept(Candidate(burst, 50.0, signal=signal))
+    view = view.accept(best_of(view, "amplitude_coupling"))
+    left = [c.kind for c in give_back(view, SearchPath()).accepted]
+    assert left == ["shock"] * (times > 1) + ["amplitude_coupling"]
 
 
 @pytest.mark.parametrize("seed", range(4, 8))

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.outliers import Outliers
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
 __all__ = ["give_back"]
+
+_LOUDER = 2.0
+"""Mean square of rows, in units of the noise, from which a burst is left in them."""
 
 
 def give_back(view: View, path: SearchPath) -> View:
@@ -33,6 +38,7 @@ def give_back(view: View, path: SearchPath) -> View:
         c
         for c in taken
         if not any(c.kind == s.kind and c.effect.is_same(s.effect, view.grid) for s in still)
+        and (isinstance(c.effect, Outliers) or _is_noise(left, c))
     ]
     if not gone:
         return view
@@ -47,6 +53,12 @@ def _is_taken_out(candidate: Candidate) -> bool:
     return candidate.signal is not None and (
         effect.motion == "burst" or isinstance(effect, Outliers)
     )
+
+
+def _is_noise(view: View, burst: Candidate) -> bool:
+    """Return whether the rows of a burst are no louder than the noise that a view has there."""
+    assert burst.signal is not None
+    return float(np.mean(view.innovations[burst.signal != 0] ** 2)) < _LOUDER
 
 
 def _again(view: View, coupling: Candidate) -> Candidate | None:

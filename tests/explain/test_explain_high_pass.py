@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from allanscope import analyse
 from allanscope.explain import explain
 
 N, RATE = 4e-3, 52.0
@@ -83,6 +84,17 @@ def test_noise_of_the_angle_is_none(bench, seed):
     shape = np.fft.irfft(np.fft.rfft(b.rng.standard_normal(2 * n)) * np.sqrt(f))[:n]
     axis = explain(b.record(0.25 * b.noise() + 2 * N * shape)).axes["gx"]
     assert "high_pass" not in [effect.kind for effect in axis.effects]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_noise_with_a_shoulder_is_behind_none(seed):
+    """A filter that took away the flicker or random walk which was there for it alone."""
+    rng = np.random.default_rng([77, seed])
+    n, rate = 9800, 100.0
+    above = lfilter(*butter(1, 2 * 5.0 / rate, "high"), rng.normal(size=n))
+    axis = analyse({"gx": 1e-2 * (rng.normal(size=n) + 1.5 * above)}, rate).axes["gx"]
+    assert "high_pass" not in [effect.kind for effect in axis.explanation.effects]
+    assert not axis.coefficients["K"].detected
 
 
 @pytest.mark.parametrize("seed", [747, 760, 807])

@@ -6,8 +6,8 @@ may couple by a capacitor, or subtract a running mean. All of it is
 frequencies, so it shows as a deficit of the lowest ordinates against the white noise; the Allan
 deviation falls faster than :math:`\tau^{-1/2}` beyond :math:`1 / 2 \pi f_c`, and what it reads at
 1 s is no longer N. B and K are known as far as they stand out above the corner. A random walk
-behind one has the spectrum of white noise behind a low-pass, so at the corner the white noise must
-be the larger.
+behind one has the spectrum of white noise behind a low-pass, and is flat with a shoulder beside
+white noise, so at the corner the white noise must be the larger by far.
 
 An average that begins with the first sample has the noise of this one sample, and forgets it with
 its time constant: :math:`a\, e^{-2 \pi f_c t}` is left in the record, which fills the lowest
@@ -55,6 +55,8 @@ _HIGHEST = 0.2
 """Highest corner, as a share of the rate: beyond, it is the shape of the white noise."""
 _SLOPES = (1.0, 6.0)
 """Of the filter: none is of less than the first order."""
+_LARGER = 8.0
+"""Times that the density of white noise is larger at the corner than what rises towards 0."""
 _TRIED = 8
 """Corners tried first."""
 _ONE_MORE = 1.0
@@ -180,7 +182,7 @@ def _fitted(view: View, corners: list[float], lowest: float, *, begins: bool) ->
     noise = (begun.spectrum if begun is not None else view.spectrum_with(high_pass)).model
     slow = noise.value("B") ** 2 / (2 * np.pi * high_pass.corner)
     slow += (noise.value("K") / (2 * np.pi * high_pass.corner)) ** 2
-    if noise.value("N") ** 2 < slow:
+    if noise.value("N") ** 2 < _LARGER * slow:
         return None
     corner = _interval(lost, found.x, found.value)
     gain, signal = -found.value - view.spectrum.loglik, None

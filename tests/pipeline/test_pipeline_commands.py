@@ -1,6 +1,7 @@
 """The command line for those who meet it first: help, lengths of time, what was written where."""
 
 import argparse
+import json
 import subprocess
 import sys
 
@@ -87,6 +88,19 @@ def test_every_command_that_writes_names_what_it_wrote(recording, log, tmp_path,
         for file in files:
             assert file.exists()
             assert str(file) in said, arguments[0]
+
+
+@pytest.mark.parametrize(("name", "axis"), [("Accelerometer", "ax"), ("night", "gx")])
+def test_the_name_of_a_file_tells_its_sensor_after_an_import_too(name, axis, tmp_path, capsys):
+    table, imported = tmp_path / f"{name}.csv", tmp_path / "i.mcap"
+    noise = np.random.default_rng(8).normal(0, 0.02, (600, 3))
+    rows = np.column_stack([np.arange(600) / 100, noise])
+    np.savetxt(table, rows, "%.4f", ",", header="t,x,y,z", comments="")
+    assert main(["import", str(table), str(imported)]) == 0
+    for path in (table, imported):
+        capsys.readouterr()
+        assert main(["analyse", str(path), "--json", "-", "--quiet"]) == 0
+        assert next(iter(json.loads(capsys.readouterr().out)["axes"])) == axis
 
 
 def test_a_result_on_standard_output_stays_alone(log, tmp_path, capsys):

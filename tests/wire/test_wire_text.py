@@ -562,6 +562,8 @@ def test_a_line_without_three_axes_of_a_sensor_says_nothing(line: str) -> None:
         ("T [degC]", "temperature", "degc", -1),
         ("Timestamp[ms]", "time", "ms", -1),
         ("temperature", "temperature", "", -1),
+        ("gtemp", "temperature", "", -1),
+        ("IMU_Temp [degC]", "temperature", "degc", -1),
     ],
 )
 def test_a_column_is_known_by_many_names(header: str, quantity: str, unit: str, axis: int) -> None:
@@ -972,6 +974,38 @@ def test_axes_without_a_sensor_have_that_of_their_unit(header: str, axes: tuple[
     columns = columns_of(header.split(","))
     assert columns is not None
     assert tuple(AXES[one.axis] for one in columns if one and one.axis >= 0) == axes
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_a_log_of_one_sensor_has_that_of_the_name_of_its_file(sensor: str) -> None:
+    """Sensor Logger's acceleration is without gravity: nothing else tells it from a rate."""
+    lines = "".join(
+        f"{1664206376914869000 + i * 10**7},{i * 0.01},0.02,0.01,0.03\n" for i in range(40)
+    )
+    info, *rest = _decode("time,seconds_elapsed,z,y,x\n" + lines, sensor=sensor)
+    block = next(event for event in rest if isinstance(event, Block))
+    assert isinstance(info, StreamInfo)
+    assert info.axes == (GYRO if sensor == "gyro" else ACCEL)
+    unit = 180 / math.pi if sensor == "gyro" else 1 / 9.80665  # rad/s and m/s^2, as the app writes
+    assert block.counts[0].tolist() == pytest.approx([0.03 * unit, 0.01 * unit, 0.02 * unit])
+    letter = info.axes[0][0]
+    assert _remarks(rest) == [
+        "columns left out: seconds_elapsed",
+        "only the name of the file tells the sensor: 5 columns, assumed to be "
+        f"t {letter}z {letter}y {letter}x",
+        "the text gives no unit of time: ns assumed",
+    ]
+
+
+def test_gravity_and_units_are_above_the_name_of_a_file() -> None:
+    (turned, *_) = _decode("t,x,y,z\n" + "0,0.1,0.2,9.81\n" * 40, rate_hz=52.0, sensor="gyro")
+    assert isinstance(turned, StreamInfo)
+    assert turned.axes == ACCEL
+    (said, *_) = _decode(
+        "t,x [dps],y [dps],z [dps]\n" + "0,1,2,3\n" * 40, rate_hz=52.0, sensor="accel"
+    )
+    assert isinstance(said, StreamInfo)
+    assert said.axes == GYRO
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,8 @@ def analyse_input(
         fingerprint, recording = Fingerprint(), Recording(path)
         facts |= recorded_facts(recording)
         device = recorded_settings(recording, device)
+    else:
+        device = device.of_file(path)
     decoding = Decoding(device.for_wire(), device.wire)
     settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
     analyser = Analyser(settings)
@@ -214,6 +216,7 @@ def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSet
             wire=device.wire or known.get("wire", ""),
             units=device.units or units,  # type: ignore[arg-type]
             origin="synthetic" if known.get("origin") == "synthetic" else device.origin,
+            sensor=known.get("sensor", ""),
         )
     except ValueError:
         raise InputError("the recording's own settings are damaged; give them again") from None

@@ -118,6 +118,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     if is_recording(source):
         Recording(source)  # a damaged one says so itself
         raise InputError(f"{source} is a recording already; analyse and export take it as it is")
+    device = device.of_file(source)
     decoding = Decoding(device.for_wire(), device.wire)
     for _ in events_of(source, decoding, quiet, "reading"):
         pass
@@ -211,6 +212,8 @@ def export_recording(
         return
     if source.is_dir() or is_recording(source):
         device = recorded_settings(Recording(source), device)
+    else:
+        device = device.of_file(source)
     decoding = Decoding(device.for_wire(), device.wire)
     rates = measured_rates(events_of(source, decoding, quiet, "measuring the rate"))
     if not decoding.stats.samples:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,7 @@ from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import Origin
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.text import quantity_named
+from allanscope.wire.text import quantity_named, sensor_of_name
 
 __all__ = ["DeviceSettings", "SessionSettings", "SimulatedSettings", "ViewMode"]
 
@@ -26,7 +26,8 @@ class DeviceSettings:
     """What the user said about the device; empty or None where the stream must tell.
 
     `stream` is which one of several sensors in a file: the topic of a bag. `baud` is the line rate
-    of a UART; None for the usual one of the wire format.
+    of a UART; None for the usual one of the wire format. `sensor` is that of columns which name
+    none, as `of_file` knows it.
 
     Raises
     ------
@@ -43,6 +44,7 @@ class DeviceSettings:
     origin: Origin = ""
     stream: str = ""
     baud: int | None = None
+    sensor: str = ""
 
     def __post_init__(self) -> None:
         part = part_named(self.part or "LSM6DSM")
@@ -66,6 +68,14 @@ class DeviceSettings:
         """What a simulated device speaks: the native protocol unless the user chose another."""
         return self.wire or "native"
 
+    def of_file(self, path: Path) -> DeviceSettings:
+        """Return the settings with what the name of a text file says of its sensor.
+
+        >>> DeviceSettings().of_file(Path("night/Accelerometer.csv")).sensor
+        'accel'
+        """
+        return replace(self, sensor=sensor_of_name(path.stem))
+
     def for_wire(self) -> WireSettings:
         """Return the part of it that decoders need."""
         return WireSettings(
@@ -75,6 +85,7 @@ class DeviceSettings:
             accel_fs=self.accel_fs,
             units=dict(self.units),
             origin=self.origin,
+            sensor=self.sensor,
         )
 
     @property
@@ -93,6 +104,7 @@ class DeviceSettings:
             "wire": self.wire,
             "units": " ".join(f"{sensor}={unit}" for sensor, unit in self.units),
             "origin": self.origin,
+            "sensor": self.sensor,
         }
         return {name: text for name, text in facts.items() if text}
 

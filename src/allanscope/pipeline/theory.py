@@ -396,6 +396,8 @@ def _series_of(path: Path, request: StabilityRequest) -> _Series:
         return _Series(_longest(path, values), rate_hz, unit_of(axis))
     if path.is_dir() or is_recording(path):
         device = recorded_settings(Recording(path), device)
+    else:
+        device = device.of_file(path)
     parts: list[Floats] = []
     info: StreamInfo | None = None
     clock, index = Clock(), 0

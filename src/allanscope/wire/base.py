@@ -89,6 +89,8 @@ class WireSettings:
         Unit of a group of columns of delimited text, e.g. ``{"gyro": "dps"}``.
     origin : str
         Where the samples come from, for formats in which the device cannot say it.
+    sensor : str
+        Sensor of columns that name none, ``gyro`` or ``accel``, as the name of the file tells it.
     """
 
     part: str = ""
@@ -97,6 +99,7 @@ class WireSettings:
     accel_fs: float | None = None
     units: dict[str, str] = field(default_factory=dict)
     origin: Origin = ""
+    sensor: str = ""
 
 
 class Decoder(Protocol):

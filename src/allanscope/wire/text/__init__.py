@@ -28,7 +28,7 @@ from allanscope.wire.base import (
     temperatures_at,
 )
 from allanscope.wire.lines import is_text
-from allanscope.wire.text.columns import Column, column_of, columns_of
+from allanscope.wire.text.columns import Column, column_of, columns_of, sensor_of_name
 from allanscope.wire.text.decoder import TextDecoder
 from allanscope.wire.text.refusal import why_no_rows
 from allanscope.wire.text.units import (
@@ -58,6 +58,7 @@ __all__ = [
     "columns_of",
     "gyro_unit",
     "quantity_named",
+    "sensor_of_name",
     "unit_by_gravity",
     "why_no_rows",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Literal, cast
 
 from allanscope.samples import AXES
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
@@ -19,6 +19,8 @@ __all__ = [
     "columns_under_groups",
     "columns_without_sensor",
     "in_unknown_unit",
+    "names_no_sensor",
+    "sensor_of_name",
     "unnamed",
     "with_units_below",
 ]
@@ -50,13 +52,16 @@ _CLOCKS = {
     "sampletimefine": "100us",
 }
 """Names that tell the unit: Arduino's clocks, ArduPilot's, Android's, Xsens's."""
-_TEMPERATURE = re.compile(r"temp|temperature|t")
+_TEMPERATURE = re.compile(r"(?:(?:imu|g|gyro?|acc|chip|die|sensor)_?)?temp(?:erature)?|t")
 _BARE_AXIS = re.compile(r"([xyz])(?:[_-]?axis)?[_.]?\d?")
 _GROUPS: Mapping[Quantity, re.Pattern[str]] = {
     "accel": re.compile(r"acc", re.IGNORECASE),
     "gyro": re.compile(r"gyr|angular[ _]?(?:rate|vel)", re.IGNORECASE),
 }
-"""What the name of three columns says of their sensor."""
+"""What the name of three columns, or of a file, says of its sensor."""
+_SENSOR_LOGGER = "seconds_elapsed"
+"""A column of the app Sensor Logger, which writes a file a sensor, without units."""
+_ITS_UNITS: Mapping[Quantity, str] = {"gyro": "rad/s", "accel": "m/s2"}
 _SEPARATORS = "\t;,|"
 _QUOTES = " \"'"
 
@@ -233,6 +238,8 @@ def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Col
     [-1, 0, 1, 2, 3, 4, 5]
     >>> [one.axis for one in columns_without_sensor(["Time (s)", "X (g)", "Y (g)", "Z (g)"])]
     [-1, 3, 4, 5]
+    >>> columns_without_sensor(["time", "seconds_elapsed", "z", "y", "x"])[2]
+    Column(quantity='gyro', unit='rad/s', axis=2)
     >>> columns_without_sensor(["x", "y", "mz"]) is None
     True
     """
@@ -251,11 +258,22 @@ def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Col
     beside = _may_surround(before, "time", strange) and _may_surround(after, "temperature", strange)
     if not sensors or not beside:
         return None
+    usual = _ITS_UNITS if _SENSOR_LOGGER in cells else {}
     axes = [
-        Column(sensor, unit, AXES.index(sensor[0] + letter))
+        Column(sensor, unit or usual.get(sensor, ""), AXES.index(sensor[0] + letter))
         for sensor, letter, unit in zip(sensors, letters, units, strict=True)
     ]
     return tuple(_first_of_each([*map(column_of, before), *axes, *map(column_of, after)]))
+
+
+def names_no_sensor(cells: Sequence[str]) -> bool:
+    """Return whether a header has x, y and z of a sensor that neither a name nor a unit tells.
+
+    >>> names_no_sensor(["t", "x", "y", "z"]), names_no_sensor(["t", "x [g]", "y [g]", "z [g]"])
+    (True, False)
+    """
+    units = {axis[1] for axis in map(_bare_axis, cells) if axis}
+    return columns_without_sensor(cells) is not None and units <= {"", "lsb"}
 
 
 def columns_under_groups(groups: Sequence[str], cells: Sequence[str]) -> Columns | None:
@@ -288,12 +306,22 @@ def _under_group(group: str, cell: str) -> str:
     axis = _bare_axis(cell)
     if axis is None:
         return cell or group
-    sensors = [sensor for sensor, words in _GROUPS.items() if words.search(group)]
-    if len(sensors) != 1:
+    sensor = sensor_of_name(group)
+    if not sensor:
         return ""
     match = _NAME.fullmatch(group[:80])
     unit = axis[1] or (match[2] if match else "")
-    return f"{sensors[0]}_{axis[0]}" + (f"[{unit}]" if unit else "")
+    return f"{sensor}_{axis[0]}" + (f"[{unit}]" if unit else "")
+
+
+def sensor_of_name(name: str) -> Quantity | Literal[""]:
+    """Return the sensor that is in the name of some columns or of a file, '' for none or two.
+
+    >>> sensor_of_name("IMU Gyroscope"), sensor_of_name("acc_gyr"), sensor_of_name("night")
+    ('gyro', '', '')
+    """
+    sensors = [sensor for sensor, words in _GROUPS.items() if words.search(name)]
+    return sensors[0] if len(sensors) == 1 else ""
 
 
 def _bare_axis(cell: str) -> tuple[str, str] | None:

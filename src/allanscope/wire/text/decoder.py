@@ -17,8 +17,8 @@ from allanscope.wire.text.columns import (
     cells_of,
     columns_of,
     columns_under_groups,
-    columns_without_sensor,
     in_unknown_unit,
+    names_no_sensor,
     unnamed,
     with_units_below,
 )
@@ -74,6 +74,7 @@ class TextDecoder:
         self.stats = LinkStats()
         self.named = False
         self._lines = Lines()
+        self._sensor = cast("Quantity", settings.sensor)
         self._interpreter = TextInterpreter(settings)
         self._rows = RowEvents(self.stats, self._interpreter.decide, patience=PATIENCE)
         self._table: Table | None = None
@@ -226,19 +227,14 @@ class TextDecoder:
         if self._needs_confirmation(columns):
             return []
         self._left_out = left_out
-        by_place = (
-            grouped is None
-            and columns_without_sensor(cells)
-            and not any(
-                column and column.axis >= 0 and column.unit not in ("", "lsb") for column in columns
-            )
-        )
-        return self._start_table(columns, left_out, "no sensor is named" if by_place else "")
+        bare = grouped is None and names_no_sensor(cells)
+        why = "only the name of the file tells the sensor" if self._sensor else "no sensor is named"
+        return self._start_table(columns, left_out, why if bare else "")
 
     @property
     def _unnamed_sensor(self) -> Quantity:
         """The sensor of columns that are called just x, y and z."""
-        return "accel" if "accel" in self._interpreter.given else "gyro"
+        return "accel" if "accel" in self._interpreter.given else self._sensor or "gyro"
 
     def _row(self, table: Table, line: bytes) -> bool:
         row = table.row(line)

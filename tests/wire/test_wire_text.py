@@ -842,9 +842,25 @@ def test_noise_without_a_step_tells_no_unit_of_a_gyroscope() -> None:
         rows = rng.normal(0.0, 10.0 ** rng.uniform(-1.0, 1.5), (25, 3))
         step = float(rng.choice([1.0, 2.0, 5.0])) * 10.0 ** rng.integers(-6, 1)
         values = rows * step if number % 2 else np.rint(rows) * step
-        assert gyro_unit(values, "") == ("dps", "")
+        assert "step" not in gyro_unit(values, "")[1]
         cut = np.rint(rows / 10.0).round() * 500.0 / 2**15  # no counts of 250 dps in rad/s
         assert gyro_unit(cut.round(4), "")[0] == "dps"
+
+
+@pytest.mark.parametrize("digits", [3, 9], ids=["a rounded one", "a fine one"])
+@pytest.mark.parametrize(("deviation", "unit"), [(0.0012, "rad/s"), (0.02, "dps")])
+def test_the_noise_of_a_gyroscope_tells_rad_from_degrees(
+    deviation: float, unit: str, digits: int
+) -> None:
+    """A phone's 0.07 dps in rad/s, and 20 mdps, as of a quiet part at 25 Hz."""
+    rows = np.random.default_rng(4).normal(0.1, deviation, (25, 3)).round(digits)
+    assert gyro_unit(rows, "mg")[0] == unit
+
+
+def test_a_coarse_gyroscope_that_hardly_moves_stays_in_degrees() -> None:
+    rows = np.zeros((400, 3))
+    rows[::50, 1] = 0.07  # one code in fifty rows: its mean step is 3 mdps
+    assert gyro_unit(rows, "") == ("dps", "")
 
 
 GROUPED = (

@@ -848,11 +848,11 @@ def test_noise_without_a_step_tells_no_unit_of_a_gyroscope() -> None:
 
 
 @pytest.mark.parametrize("digits", [3, 9], ids=["a rounded one", "a fine one"])
-@pytest.mark.parametrize(("deviation", "unit"), [(0.0012, "rad/s"), (0.02, "dps")])
+@pytest.mark.parametrize(("deviation", "unit"), [(0.0012, "rad/s"), (0.02, "dps"), (1e-9, "dps")])
 def test_the_noise_of_a_gyroscope_tells_rad_from_degrees(
     deviation: float, unit: str, digits: int
 ) -> None:
-    """A phone's 0.07 dps in rad/s, and 20 mdps, as of a quiet part at 25 Hz."""
+    """A phone's 0.07 dps in rad/s, 20 mdps, as of a quiet part at 25 Hz, and what is neither."""
     rows = np.random.default_rng(4).normal(0.1, deviation, (25, 3)).round(digits)
     assert gyro_unit(rows, "mg")[0] == unit
 

@@ -73,9 +73,10 @@ _GROUPS: Mapping[str, Quantity] = {
     "temperature": "temperature",
     "temp": "temperature",
 }
-_LEAST_DPS = 0.003
-"""Median distance of neighbouring samples that differ, too small for dps: 4 mdps/sqrt(Hz), as of a
-quiet part, make 4 mdps at 1 Hz and 40 at 104 Hz; in rad/s there are seldom more than 0.003."""
+_LEAST_RADIANS, _LEAST_DPS = 1e-5, 0.003
+"""Median distances of neighbouring samples that differ: too small for rad/s, and for dps. A quiet
+part of 4 mdps/sqrt(Hz) has 4 mdps at 1 Hz and 40 at 104 Hz; in rad/s there are seldom more than
+0.003."""
 _GRAVITY = {"m/s2": GRAVITY, "g": 1.0, "mg": 1000.0}
 """Size of gravity in the units that accelerations come in. Whole numbers of size 1 are counts,
 and so are those of size 1000 of a single axis."""
@@ -177,7 +178,7 @@ def gyro_unit(values: NDArray[Any], accel: str) -> tuple[str, str]:
     if si:
         return "rad/s", "accel is in m/s^2"
     steps = np.abs(np.diff(values[np.isfinite(values).all(axis=1)], axis=0))
-    if steps.any() and np.median(steps[steps > 0.0]) < _LEAST_DPS:
+    if steps.any() and _LEAST_RADIANS < np.median(steps[steps > 0.0]) < _LEAST_DPS:
         return "rad/s", "no MEMS gyroscope has so little noise in dps"
     return "dps", ""
 

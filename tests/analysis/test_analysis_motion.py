@@ -65,6 +65,13 @@ def test_two_axes_do_not_tell_the_direction_of_gravity() -> None:
     assert motion_remark(record_of(values, ("ax", "ay"))) == ""
 
 
+def test_acceleration_without_gravity_has_no_tilt() -> None:
+    values = at_rest()
+    values[:, 5] -= 1.0
+    values[:, :3] = 0.0
+    assert motion_remark(record_of(values)) == ""
+
+
 def test_the_result_says_it_first() -> None:
     values = at_rest()
     values[20 * 52 : 24 * 52, 2] += 90.0

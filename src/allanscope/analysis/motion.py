@@ -21,6 +21,8 @@ _TURN_DPS = 5.0
 """Ten times what the biases of the measured records in this repository move by in hours."""
 _TILT_DEG = 5.0
 """A car that people enter tilts by 2 degrees."""
+_LEAST_G = 0.5
+"""Usual acceleration in g below which gravity is not in it, as in what a phone calls linear."""
 
 
 def motion_remark(record: Record) -> str:
@@ -68,12 +70,12 @@ def _turn_dps(rows: Record) -> NDArray[np.float64]:
 
 
 def _tilt_deg(rows: Record) -> NDArray[np.float64]:
-    """Return the angle between gravity and its usual direction, shape (n,); 0 of fewer axes."""
+    """Return the angle of gravity to its usual direction, shape (n,); 0 where it is not told."""
     own = [column for column, axis in enumerate(rows.axes) if axis[0] == "a"]
     gravity = rows.values[:, own]
     usual = np.median(gravity, axis=0)
     lengths = np.linalg.norm(gravity, axis=1) * np.linalg.norm(usual)
-    if len(own) < 3 or not lengths.min() > 0.0:
+    if len(own) < 3 or np.linalg.norm(usual) < _LEAST_G or not lengths.min() > 0.0:
         return np.zeros(len(gravity))
     cosine: NDArray[np.float64] = np.clip(gravity @ usual / lengths, -1.0, 1.0)
     return np.degrees(np.arccos(cosine))

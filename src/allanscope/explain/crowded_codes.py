@@ -101,9 +101,11 @@ def crowded_codes(samples: Array, step: float) -> tuple[CrowdedCode, ...]:
     values, arrivals = counted(codes[moved])
     # Of a value within, a Gaussian of this spread has so many more than of the next.
     peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
-    sizes = None
-    if step <= 0 or _in_clumps(values, arrivals):
-        sizes = np.unique(samples) if step <= 0 else values * step
+    sizes: Array | None = None
+    if step <= 0:
+        sizes = np.unique(samples)
+    elif _in_clumps(values, arrivals):
+        sizes = step * values.astype(np.float64)
     found = []
     for i in np.flatnonzero(arrivals >= _FEWEST_ARRIVALS).tolist():
         side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)

@@ -117,8 +117,9 @@ class Outliers(EffectKind):
         others = np.delete(z, at) ** 2
         if np.mean(others**2) > (3.0 + _HEAVY * np.sqrt(24 / n)) * np.mean(others) ** 2:
             apart = at[_apart_from_tails(np.abs(z), at, rounding)]
-            unseen = len(apart) > 0 or rounding > _COARSE
-            at = apart if unseen else _beyond_the_core(z, at, limit + rounding)
+            is_seen = rounding < _COARSE and not view.crowded_codes
+            has_core = is_seen and not len(apart)
+            at = _beyond_the_core(z, at, limit + rounding) if has_core else apart
         if len(at) == 0 or len(at) > _MOST * n:
             return []
         signal = np.zeros(n)

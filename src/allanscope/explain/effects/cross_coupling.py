@@ -293,7 +293,7 @@ def _same_all_along(d: Array, found: _Followed) -> bool:
         for half in (stretches[: _STRETCHES // 2], stretches[_STRETCHES // 2 :])
     )
     apart = abs(loud[0] - quiet[0]) > _APART * np.hypot(quiet[1], loud[1])
-    return not apart or quiet[0] / loud[0] > _OF_THE_LOUD
+    return not apart or quiet[0] * loud[0] > _OF_THE_LOUD * loud[0] ** 2
 
 
 def _slope(rows: NDArray[np.intp], x: Array, y: Array) -> tuple[float, float]:

@@ -102,6 +102,7 @@ def test_ramp_is_found_and_does_not_go_into_the_random_walk(rng, make_noise):
     ramp = fit.coefficients["R"]
     assert ramp.detected
     assert ramp.lower <= abs(slope) <= ramp.upper
+    assert fit.remarks[0].startswith("R detected: the level drifts in a straight line, by ")
     assert fit.slope == pytest.approx(slope, rel=0.15)
     assert fit.model.get("R") is not None
     without = fit_array(noise, 100.0)

@@ -42,6 +42,7 @@ from allanscope.noise.remainder import with_remainder
 from allanscope.noise.selection import select, textbook
 from allanscope.noise.whiteness import Bands, whitened
 from allanscope.parts import Part
+from allanscope.quantities import COEFFICIENTS, symbols
 from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 
@@ -324,7 +325,7 @@ def _fit(
         fit=fit,
         bands=whitened(evidence, fit.expected),
         step_limited=limited,
-        remarks=_remarks(coefficients, fit, resolution_advice(unit, lsb) if limited else ""),
+        remarks=_remarks(coefficients, fit, unit, resolution_advice(unit, lsb) if limited else ""),
     )
 
 
@@ -363,8 +364,16 @@ def _short_term(fit: Fit, dt: float) -> float:
     return float(np.sqrt(np.sum(parts)))
 
 
-def _remarks(coefficients: Mapping[str, Coefficient], fit: Fit, coarse: str) -> tuple[str, ...]:
+def _remarks(
+    coefficients: Mapping[str, Coefficient], fit: Fit, unit: str, coarse: str
+) -> tuple[str, ...]:
     remarks = [coarse] if coarse else []
+    ramp, usual = coefficients["R"], COEFFICIENTS[unit, "R"][0]
+    if ramp.detected:
+        drift = usual.interval(ramp.value, ramp.lower, ramp.upper)
+        remarks.append(
+            symbols(f"R detected: the level drifts in a straight line, by {drift} {usual.unit}")
+        )
     if coefficients["Q"].detected:
         remarks.append(
             "Q detected: the density rises towards high frequencies, and N is its level below that "

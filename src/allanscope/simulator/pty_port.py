@@ -96,10 +96,12 @@ class PtyPort:
         """Pull the cable: the host's end fails. Returns how many bytes the host never read.
 
         A host that is reading gets a moment to read what was sent before, so that it and this
-        do not both take from the same queue.
+        do not both take from the same queue. The link goes first: one that is held up, and finds
+        the queue emptied, must not open a port that is about to go.
         """
         if self._device is None:
             return 0
+        self._path.unlink(missing_ok=True)
         with self._host_end() as host:
             calm_since = start = time.monotonic()
             while (now := time.monotonic()) < min(calm_since + CALM_S, start + PATIENCE_S):

@@ -270,16 +270,25 @@ def test_a_process_and_a_low_pass_that_are_both_there_stay() -> None:
     assert drop_taken_over(both, SearchPath()) is both
 
 
+def following() -> tuple[Array, Array]:
+    """Return noise a fifth of which is as loud as another axis, and that axis."""
+    size = int(RATE) // 2
+    envelope = np.repeat(np.exp(np.random.default_rng(3).normal(0, 0.8, N // size)), size)
+    axis = noise(12) * np.sqrt(0.8 + 0.2 * envelope**2 / np.mean(envelope**2))
+    return axis, 3 * envelope * noise(13)
+
+
+def view_beside(axis: Array, source: Array) -> View:
+    rows = np.column_stack([axis, source])
+    series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, np.zeros(N, np.bool_))
+    return View(series, series.grid, "gx", rows[:, 0], 0.0)
+
+
 @pytest.mark.parametrize("bad", [0.0, 12.0])
 def test_outliers_that_a_coupling_explains_are_given_back(bad: float) -> None:
-    rng = np.random.default_rng(3)
-    size = int(RATE) // 2
-    envelope = np.repeat(np.exp(rng.normal(0, 0.8, N // size)), size)
-    axis = noise(12) * np.sqrt(0.8 + 0.2 * envelope**2 / np.mean(envelope**2))
+    axis, source = following()
     axis[1000] += bad
-    rows = np.column_stack([axis, 3 * envelope * noise(13)])
-    series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, np.zeros(N, np.bool_))
-    view = View(series, series.grid, "gx", rows[:, 0], 0.0)
+    view = view_beside(axis, source)
     signal = np.where(np.abs(axis) >= np.sort(np.abs(axis))[-4], axis, 0.0)
     view = view.accept(Candidate(Outliers(Estimate(4.0), 6.0), 50.0, signal=signal))
     view = view.accept(best_of(view, "amplitude_coupling"))
@@ -292,17 +301,13 @@ def test_outliers_that_a_coupling_explains_are_given_back(bad: float) -> None:
 
 @pytest.mark.parametrize("times", [1.0, 3.0])
 def test_a_burst_is_given_back_to_noise_that_is_as_loud_as_it(times: float) -> None:
-    rng = np.random.default_rng(3)
-    size = int(RATE) // 2
-    envelope = np.repeat(np.exp(rng.normal(0, 0.8, N // size)), size)
-    axis = noise(12) * np.sqrt(0.8 + 0.2 * envelope**2 / np.mean(envelope**2))
+    axis, source = following()
     axis[1000:1100] *= times
-    rows = np.column_stack([axis, 3 * envelope * noise(13)])
-    series = Series(("gx", "gy"), rows, RATE, 1, (1e-9, 1e-9), None, np.zeros(N, np.bool_))
-    vars(series)["shocks"] = ()  # none is found again
+    view = view_beside(axis, source)
+    vars(view.series)["shocks"] = ()  # none is found again
     burst = Shock(*(Estimate(one) for one in (1000 / RATE, 100 / RATE, 9.0)))
     signal = np.where((np.arange(N) >= 1000) & (np.arange(N) < 1100), axis, 0.0)
-    view = View(series, series.grid, "gx", axis, 0.0).accept(Candidate(burst, 50.0, signal=signal))
+    view = view.accept(Candidate(burst, 50.0, signal=signal))
     view = view.accept(best_of(view, "amplitude_coupling"))
     left = [c.kind for c in give_back(view, SearchPath()).accepted]
     assert left == ["shock"] * (times > 1) + ["amplitude_coupling"]

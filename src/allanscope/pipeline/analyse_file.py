@@ -24,7 +24,14 @@ from allanscope.worker_process import WorkerProcess
 if TYPE_CHECKING:
     from allanscope.analysis import Analysis
 
-__all__ = ["analyse_input", "full_settings", "recorded_facts", "recorded_settings", "require_rate"]
+__all__ = [
+    "analyse_input",
+    "full_settings",
+    "recorded_facts",
+    "recorded_settings",
+    "require_rate",
+    "settings_of",
+]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
@@ -197,6 +204,13 @@ def recorded_facts(recording: Recording) -> dict[str, str]:
     known = recording.metadata
     named = {"started": known.get("started"), "serial_number": known.get("serial_number")}
     return {name: text for name, text in named.items() if text}
+
+
+def settings_of(source: Path, device: DeviceSettings) -> DeviceSettings:
+    """Return the settings with what a recording, or else the name of a file, says of them."""
+    if source.is_dir() or is_recording(source):
+        return recorded_settings(Recording(source), device)
+    return device.of_file(source)
 
 
 def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSettings:

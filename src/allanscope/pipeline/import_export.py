@@ -16,7 +16,7 @@ from allanscope.atomic_write import require_writable, write_text
 from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
 from allanscope.noise import Coefficient
-from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
+from allanscope.pipeline.analyse_file import analyse_input, settings_of
 from allanscope.pipeline.columns import text_of_columns, with_guesses, with_units
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import InputLength, events_of
@@ -210,10 +210,7 @@ def export_recording(
         layout = "bound" if bound else "matlab" if out.suffix == ".m" else layout or "kalibr"
         _export_coefficients(source, out, device, quiet, layout, upper_limits or "refuse")
         return
-    if source.is_dir() or is_recording(source):
-        device = recorded_settings(Recording(source), device)
-    else:
-        device = device.of_file(source)
+    device = settings_of(source, device)
     decoding = Decoding(device.for_wire(), device.wire)
     rates = measured_rates(events_of(source, decoding, quiet, "measuring the rate"))
     if not decoding.stats.samples:

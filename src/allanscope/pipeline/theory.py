@@ -36,13 +36,13 @@ from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
 from allanscope.noise import deviation_covariance, fit_power_laws, model_of
 from allanscope.parts import part_named
-from allanscope.pipeline.analyse_file import FULL_ROWS, recorded_settings
+from allanscope.pipeline.analyse_file import FULL_ROWS, settings_of
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.quantities import count, duration
-from allanscope.recording import Recording, is_recording
+from allanscope.recording import is_recording
 from allanscope.samples import Block, Gap, StreamInfo, unit_of
 from allanscope.sanitize import print_error
 
@@ -394,10 +394,7 @@ def _series_of(path: Path, request: StabilityRequest) -> _Series:
             raise UsageError(f"{path} does not say its sample rate; give --rate")
         values = np.asarray(table.columns.axes[axis], np.float64)
         return _Series(_longest(path, values), rate_hz, unit_of(axis))
-    if path.is_dir() or is_recording(path):
-        device = recorded_settings(Recording(path), device)
-    else:
-        device = device.of_file(path)
+    device = settings_of(path, device)
     parts: list[Floats] = []
     info: StreamInfo | None = None
     clock, index = Clock(), 0

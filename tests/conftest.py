@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
-# As the command has it, before numpy is imported: more threads take twice the processor time.
+# As the command has it, before numpy is imported: more threads take up to twice the processor time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("fixed", derandomize=True)

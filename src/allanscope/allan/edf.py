@@ -303,7 +303,10 @@ def _sums_of_lags(
             for law in laws
         ]
     )
-    return np.stack([(width * rho) @ rho.T, (width * centre * rho) @ rho.T])
+    # No product of matrices: how that adds up, to the last digit, depends on how many noises there
+    # are, and on the processor.
+    products = width * (rho[:, np.newaxis] * rho)
+    return np.stack([products.sum(axis=-1), (centre * products).sum(axis=-1)])
 
 
 def _by_neighbours(

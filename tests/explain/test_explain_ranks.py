@@ -353,16 +353,28 @@ def test_ends_of_a_gauss_markov_process_are_where_all_else_refitted_does_as_badl
         view = view_of(lfilter([1.0], [1.0, -keep], drive)[500:] + rng.standard_normal(n))
         found = gauss_markov._candidate(view, 0.3, 30.0).finished()
         best = view.spectrum.loglik + found.gain
+        start = view.spectrum.powers
         for end in (found.effect.sigma.lower, found.effect.sigma.upper):
             times = np.geomspace(0.2, 60.0, 60)
-            profile = (
-                gauss_markov.loglik_beside(view, end**2, gauss_markov.Process(1.0, float(tc)))
-                for tc in times
-            )
+            process = (gauss_markov.Process(1.0, float(tc)) for tc in times)
+            profile = [gauss_markov.loglik_beside(view, end**2, one, start) for one in process]
             fallen.append(best - max(profile))
         for end in (found.effect.correlation_time.lower, found.effect.correlation_time.upper):
             fallen.append(best - view.loglik_with(gauss_markov.Process(1.0, end)))
     assert np.allclose(fallen, 1.92, atol=0.1)
+
+
+def test_what_swings_slowly_and_loudly_leaves_a_process_ends():
+    """The refits fell into another maximum of the powers, and no end was found: an error."""
+    n = 4096
+    f = np.arange(1, n) / n * RATE / 2
+    power = 1 + 1e5 / (1 + ((f - 0.3) / 0.05) ** 2)
+    for seed in range(5):
+        ordinates = np.random.default_rng(seed).normal(size=n - 1) * np.sqrt(power)
+        view = view_of(idct(np.append(0.0, ordinates), norm="ortho"))
+        found = gauss_markov._candidate(view, 0.3, 3.0).finished().effect
+        for one in (found.sigma, found.correlation_time):
+            assert one.lower < one.value < one.upper
 
 
 def test_sigma_of_a_gauss_markov_process_has_the_interval_of_its_likelihood():

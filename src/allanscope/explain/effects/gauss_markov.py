@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
@@ -29,11 +30,13 @@ from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
+from allanscope.noise.components import Component
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
-from allanscope.noise.part import Part
 from allanscope.optimise import minimise_between, root_between
 from allanscope.quantities import CHI_SQUARE_95
+
+Array = NDArray[np.float64]
 
 _PER_DECADE = 5
 """Correlation times tried a decade: half a step off, the likelihood has lost next to nothing."""
@@ -115,16 +118,14 @@ def _shortest(view: View) -> float:
     return _SHORTEST / view.grid.rate_hz
 
 
-def loglik_beside(view: View, power: float, process: Part) -> float:
+def loglik_beside(view: View, power: float, process: Component, start: Array) -> float:
     """Return the log-likelihood with a process of a given power, N, B and K refitted.
 
-    `process` is that of power 1.
+    `process` is that of power 1; the refit begins at `start`.
     """
     basis, fitter = view.fitter.plus(process).basis, view.fitter
     fixed = fitter.basis.fixed + power * basis.columns[-1]
-    return replace(fitter, basis=replace(fitter.basis, fixed=fixed)).loglik(
-        view.power, view.spectrum.powers
-    )
+    return replace(fitter, basis=replace(fitter.basis, fixed=fixed)).loglik(view.power, start)
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
@@ -169,14 +170,15 @@ def profile_intervals(
     view: View,
     fit: Spectrum,
     size: float,
-    process: Callable[[float], Part],
+    process: Callable[[float], Component],
     farthest: tuple[float, float],
     allowed: tuple[float, float] = (CHI_SQUARE_95 / 2, CHI_SQUARE_95 / 2),
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return how far the shape of a process may move, and by which factors its size.
 
     To where the profile likelihood has fallen by what is allowed. Curvature would take N, B or K
-    for known where they came out as 0.
+    for known where they came out as 0. Every refit begins at the likeliest: where a spectrum falls
+    steeply, the powers may have a second maximum, and that of the noise alone leads there.
 
     Parameters
     ----------
@@ -193,7 +195,7 @@ def profile_intervals(
     """
 
     def moved(x: float) -> float:
-        return fit.loglik - view.loglik_with(process(x))
+        return fit.loglik - view.fitter.loglik_beside(process(x), view.power, fit.powers)
 
     down = _reach(lambda x: moved(-x), -farthest[0], allowed[0])
     up = _reach(moved, farthest[1], allowed[0])
@@ -201,13 +203,12 @@ def profile_intervals(
 
     def sized(log_factor: float) -> float:
         power = (size * np.exp(log_factor)) ** 2
-        _, least = minimise_between(
-            lambda x: -loglik_beside(view, power, process(x)),
-            low,
-            high,
-            within=_SHARE * (high - low),
-        )
-        return fit.loglik + least
+
+        def loss(x: float) -> float:
+            return -loglik_beside(view, power, process(x), fit.powers[:-1])
+
+        _, least = minimise_between(loss, low, high, within=_SHARE * (high - low))
+        return fit.loglik + min(least, loss(0.0))  # of several valleys it may find another
 
     smaller = _reach(lambda x: sized(-x), _FARTHEST, allowed[1])
     larger = _reach(sized, _FARTHEST, allowed[1])

@@ -34,7 +34,6 @@ from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
 from allanscope.noise.components import GaussMarkov as CorrelatedNoise
 from allanscope.noise.components import RandomTelegraph as Process
 from allanscope.noise.grid import Grid
-from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -43,15 +42,15 @@ _BLOCKS = 16384
 _MOST_BLOCKS = 1 << 20
 """Most blocks of one path: a longer record shows its hops in a stretch."""
 _LEAST_DOUBT = 0.003
-"""Least relative error of the size: hops within blocks draw that of a long record down by half a
-per cent."""
+"""Least relative error of the size, where blocks hold some rows: hops within them draw that of a
+long record down by half a per cent."""
 _TO_JUDGE, _TO_MEASURE = 12.0, 50.0
 """Blocks in a mean dwell. Few make the path probable; many miss no double switches, and tell when a
 hop was: half a block of doubt at each makes the hops seem smaller, the more so in flicker noise."""
 _SETTLED = 3e-3
 """Relative change of the switching rate at which its iteration ends."""
-_MISSED = 1.2
-"""Factor on the error of the dwell for switches that noise hides."""
+_MISSED = 1.4
+"""Factor on the error of the dwell where noise hides switches."""
 _ROUNDS = 40
 """Most turns of that iteration (expectation and maximisation)."""
 _HARMONICS = 20.0
@@ -188,6 +187,8 @@ class _Path:
     switches: int
     doubt: float
     """Share of the size by which blocks that may be on either level move it."""
+    rows: int
+    """In each of those blocks."""
 
 
 def _moved(view: View) -> float:
@@ -252,10 +253,10 @@ def _measured(view: View, path: _Path, finer: _Path, fit: Regression, gain: floa
     """Return hops that were found on one path and measured on a finer one."""
     size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
     dwell = finer.dwell_s
-    spread = TWO_SIDED_95 * _MISSED / np.sqrt(finer.switches)
+    doubt = max(finer.doubt, _LEAST_DOUBT) if finer.rows > 1 else finer.doubt
     effect = RandomTelegraph(
-        Estimate.of(size, float(np.hypot(error, max(finer.doubt, _LEAST_DOUBT) * size)), view.unit),
-        Estimate(dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"),
+        Estimate.of(size, float(np.hypot(error, doubt * size)), view.unit),
+        Estimate.of_log(dwell, 1.0 / np.sqrt(finer.switches), "s"),
         path.switches,
         size,
     )
@@ -333,7 +334,8 @@ def _with_spectrum(view: View, candidate: Candidate, process: Candidate) -> Cand
         size = twin.sigma.value
         error = effect.amplitude.error / effect.amplitude.value * size
         amplitude = Estimate.of(size, error, effect.amplitude.unit)
-        return replace(candidate, effect=replace(effect, amplitude=amplitude))
+        dwell = Estimate.of_log(effect.dwell.value, _MISSED / np.sqrt(effect.switches), "s")
+        return replace(candidate, effect=replace(effect, amplitude=amplitude, dwell=dwell))
     parts = (Process(1.0, 2 * tc.value),)
     if half > tc.upper and seen * tc.lower > _CLEAR:
         return replace(candidate, parts=parts)
@@ -372,7 +374,7 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
         hard = int(np.count_nonzero(np.diff(most)))
         log_prior = hard * np.log(rate) + (blocks - 1 - hard) * np.log1p(-rate)
         doubt, dwell = 1 - float(np.mean(np.abs(state))), _dwell(rate, block_s)
-        result = _Path(most, log_prior, log_z - log_joint, size, dwell, hard, doubt)
+        result = _Path(most, log_prior, log_z - log_joint, size, dwell, hard, doubt, hop)
         slow = _smooth(level - size * state, wiener)
         new = float(np.sum((level - slow) * state) / np.sum(state**2))
         if new <= 0:

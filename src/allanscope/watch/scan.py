@@ -32,7 +32,10 @@ __all__ = [
     "log_tail",
     "moment_of",
     "moment_of_counts",
+    "moment_of_powers",
 ]
+
+Array = NDArray[np.float64]
 
 WINDOWS = np.array(
     [2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 40, 48, 64, 96, 128, 192, 256]
@@ -75,10 +78,14 @@ LOG_OVERLAP = 0.8
 """Neighbouring looks share most of their blocks, so that their false alarms come together: the log
 of how many fewer there are than looks allow, in white noise at 16 to 18 nats."""
 
-MEMORY = 1.3
-"""By which the log-likelihood of a moment is divided, because block values have memory."""
+USUALLY_ALIKE, ENOUGH_VALUES = 0.13, 64
+"""Correlation of neighbouring values, and how many of them it takes to measure it."""
+MOST_ALIKE = 0.9
+"""Correlation from which on a change cannot be told from it."""
 PARTS = 100
 """Of a block, in each of which the moment of a step may be."""
+LEFT = 1.0 - (np.arange(PARTS) + 0.5) / PARTS
+"""How much of a block is left after the middle of each."""
 QUANTILES = (0.5, 0.025, 0.975)
 """Of the moment, which are told."""
 RAMP_NATS = 4.0
@@ -154,7 +161,7 @@ class Scan:
         Block from which on each series is compared: after an alarm, that of the change.
     """
 
-    def __init__(self, channels: int, log_alpha: NDArray[np.float64]) -> None:
+    def __init__(self, channels: int, log_alpha: Array) -> None:
         many = len(WINDOWS)
         self.blocks = 0
         self.start = np.zeros(channels, np.int64)
@@ -162,7 +169,7 @@ class Scan:
         self._log_alpha = shares[:, np.newaxis] + log_alpha
         self._sums = np.zeros((KEPT_BLOCKS, channels))
         self._raw = np.zeros((KEPT_BLOCKS, channels))
-        self._anchor: NDArray[np.float64] | None = None
+        self._anchor: Array | None = None
         self._square = np.zeros((many, channels))
         self._fourth = np.full((many, channels), 3.0)
         self._looks = np.zeros((many, channels))
@@ -174,7 +181,7 @@ class Scan:
             *(self._square, self._fourth, self._looks, self._pending, self._room, self._found),
         )
 
-    def update(self, values: NDArray[np.float64]) -> list[Alarm]:
+    def update(self, values: Array) -> list[Alarm]:
         """Take the values of a block, shape (channels,); return at most one alarm a channel."""
         if self._anchor is None:
             self._anchor = values.copy()
@@ -202,7 +209,7 @@ class Scan:
             self._sums[since[:1] % KEPT_BLOCKS, channel] + added
         )
 
-    def values(self, channel: int, first: int) -> NDArray[np.float64]:
+    def values(self, channel: int, first: int) -> Array:
         """Return the values of a series from block `first` on, as far as they are kept."""
         first = max(first, self.blocks - KEPT_BLOCKS + 1, 0)
         assert self._anchor is not None
@@ -262,14 +269,7 @@ class Change:
     size: float
 
 
-def locate(
-    values: NDArray[np.float64],
-    earliest: int,
-    spread: float,
-    power: float = 1.0,
-    zero: float = 0.0,
-    memory: float = MEMORY,
-) -> Change:
+def locate(values: Array, earliest: int, spread: float) -> Change:
     """Return the change that fits a stretch best.
 
     Parameters
@@ -280,11 +280,11 @@ def locate(
         First place where it may be.
     spread : float
         Least standard deviation of a value about a level.
-    power, zero : float
-        What is this power of the values less `zero` is a mean over the block: where half of it has
-        changed it is halfway.
-    memory : float
-        By which log-likelihoods are divided.
+
+    Notes
+    -----
+    Values that are alike from block to block tell less about a moment: the log-likelihood is
+    divided by (1 + r) / (1 - r), with the correlation r of neighbours beside the change.
 
     Examples
     --------
@@ -307,40 +307,43 @@ def locate(
     if is_ramp:
         # The mean of a block is that of its middle: half a block after it began is the first value.
         gains, first = ramps[earliest:-1, np.newaxis], earliest
-        size = _slope(values, at) * (len(values) - 1 - at)
+        bend = _bend(len(values), at)
+        slope = float(bend @ values / (bend @ bend))
+        size = slope * (len(values) - 1 - at)
+        rest = values - values.mean() - slope * bend
     else:
         after = _level(values[at:], spread)
         size, first = after - before, max(earliest - 1, 1)
-        gains = _gains_within(values, _shares(before - zero, after - zero, power))[first:]
+        gains = _gains_within(values)[first:]
         # What a step within a block leaves of it is no noise.
         left = total - max(float(gains.max()), float(steps[best]))
         variance = max(left / len(values), spread**2, 1e-300)
-    moment, lower, upper = _quantiles(gains / (2 * variance * memory)).tolist()
+        rest = np.concatenate([values[: at - 1] - before, values[at:] - after])
+    moment, lower, upper = _quantiles(gains / (2 * variance * _memory(rest))).tolist()
     times = first + moment, first + lower, first + upper
     return Change("ramp" if is_ramp else "step", at, *times, before, size)
 
 
-def _shares(before: float, after: float, power: float) -> NDArray[np.float64]:
-    """Return how much of a change a value shows, by how late in its block the change is."""
-    part = 1.0 - (np.arange(PARTS) + 0.5) / PARTS
-    before, after = (max(one, 0.0) if power != 1.0 else one for one in (before, after))
-    if power == 1.0 or before == after:
-        return part
-    mixed = (1.0 - part) * before**power + part * after**power
-    return np.asarray((mixed ** (1.0 / power) - before) / (after - before))
+def _memory(rest: Array) -> float:
+    """Return by how much less values tell than independent ones."""
+    alike = USUALLY_ALIKE
+    if len(rest) >= ENOUGH_VALUES:
+        alike = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), 1e-300) + 1.0 / len(rest)
+    alike = min(max(alike, 0.0), MOST_ALIKE)
+    return (1.0 + alike) / (1.0 - alike)
 
 
-def _gains_within(values: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gains_within(values: Array) -> Array:
     """Return by how much a step within each value reduces the sum of squares, shape (n, parts)."""
     n = len(values)
     v = (values - values.mean())[:, np.newaxis]
     after = (n - 1.0 - np.arange(n))[:, np.newaxis]
     tail = np.cumsum(v[::-1], axis=0)[::-1] - v
-    squares = after + shares**2 - (after + shares) ** 2 / n
-    return np.asarray((tail + shares * v) ** 2 / np.maximum(squares, 1e-12))
+    squares = after + LEFT**2 - (after + LEFT) ** 2 / n
+    return np.asarray((tail + LEFT * v) ** 2 / np.maximum(squares, 1e-12))
 
 
-def _quantiles(loglik: NDArray[np.float64]) -> NDArray[np.float64]:
+def _quantiles(loglik: Array) -> Array:
     """Return `QUANTILES` of a moment, each part of each value being as likely beforehand."""
     weight = np.exp(loglik - loglik.max()).ravel()
     below = np.concatenate([[0.0], np.cumsum(weight)])
@@ -348,9 +351,7 @@ def _quantiles(loglik: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.interp(np.array(QUANTILES) * below[-1], below, borders))
 
 
-def moment_of(
-    gains: NDArray[np.float64], weights: NDArray[np.float64] | None = None
-) -> tuple[float, float, float]:
+def moment_of(gains: Array, weights: Array | None = None) -> tuple[float, float, float]:
     """Return the median of a moment and the ends of its 95 % interval, in blocks.
 
     Parameters
@@ -370,9 +371,7 @@ def moment_of(
     return median, lower, upper
 
 
-def moment_of_counts(
-    counts: NDArray[np.float64], earliest: int, at: int
-) -> tuple[float, float, float]:
+def moment_of_counts(counts: Array, earliest: int, at: int) -> tuple[float, float, float]:
     """Return the same of a Poisson rate that is another one from a block on.
 
     Parameters
@@ -384,14 +383,48 @@ def moment_of_counts(
     """
     before, after = max(float(counts[:at].mean()), 1e-3), max(float(counts[at:].mean()), 1e-3)
     bunch = max(float(counts[:at].var()) / before, 1.0)
-    passed = np.append(_shares(before, after, 1.0), 1.0)
-    rates = before + passed * (after - before)
-    gains = (counts[earliest:, np.newaxis] * np.log(rates / before) - (rates - before)) / bunch
-    median, lower, upper = moment_of(gains)
+    rates = _mixed(before, after * _factors(np.sqrt(bunch / after / (len(counts) - at))))
+    counts = counts[earliest:, np.newaxis]
+    gains = (counts * np.log(rates / before) - (rates - before)) / bunch
+    median, lower, upper = moment_of(gains, np.ones(len(gains)))
     return earliest + median, earliest + lower, earliest + upper
 
 
-def is_one_ramp(values: NDArray[np.float64], places: list[int]) -> bool:
+def moment_of_powers(powers: Array, earliest: int, at: int) -> tuple[float, float, float]:
+    """Return the same of noise whose power is another one: it scatters more where it is louder.
+
+    Parameters
+    ----------
+    powers : ndarray of float64, shape (n,)
+        Mean powers of blocks, as of chi-square whose degrees of freedom they tell.
+    earliest, at : int
+        As for counts.
+    """
+    before, after = float(powers[:at].mean()), float(powers[at:].mean())
+    rest = np.concatenate([powers[: at - 1] / before, powers[at:] / after]) - 1.0
+    half = 1.0 / (max(float(rest @ rest) / len(rest), 1e-12) * _memory(rest))
+    expected = _mixed(before, after * _factors(1.0 / np.sqrt(half * (len(powers) - at))))
+    away = powers[earliest:, np.newaxis]
+    gains = -half * (np.log(expected / before) + away * (1.0 / expected - 1.0 / before))
+    median, lower, upper = moment_of(gains, np.ones(len(gains)))
+    return earliest + median, earliest + lower, earliest + upper
+
+
+def _factors(error: float) -> Array:
+    """Return factors about 1 within which the level after a change is, by its relative error."""
+    return np.asarray(np.exp(min(error, 1.0) * np.linspace(-3.0, 3.0, 13)))
+
+
+def _mixed(before: float, after: Array) -> Array:
+    """Return the mean over a block by where in it the change is; last, if it was before.
+
+    `after` are the levels that may follow, shape (k,); the result has shape (k, 1, parts + 1).
+    """
+    left = np.append(LEFT, 1.0)
+    return np.asarray(before + left * (after - before)[:, np.newaxis, np.newaxis])
+
+
+def is_one_ramp(values: Array, places: list[int]) -> bool:
     """Return whether changes of a stretch are one ramp rather than so many steps."""
     _, ramps = _gains(values)
     total = float(np.sum((values - values.mean()) ** 2))
@@ -401,7 +434,7 @@ def is_one_ramp(values: NDArray[np.float64], places: list[int]) -> bool:
     return total - float(ramps[room:-1].max(initial=0.0)) < steps
 
 
-def _gains(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _gains(values: Array) -> tuple[Array, Array]:
     """Return by how much a step and a bend at each place reduce the sum of squares."""
     n = len(values)
     v = values - values.mean()
@@ -420,7 +453,7 @@ def _gains(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
     return steps, ramps
 
 
-def _level(values: NDArray[np.float64], spread: float) -> float:
+def _level(values: Array, spread: float) -> float:
     """Return the mean; without the first value, next to a step, where it lies between two levels.
 
     Examples
@@ -433,7 +466,7 @@ def _level(values: NDArray[np.float64], spread: float) -> float:
     return float((rest if is_mixed else values).mean())
 
 
-def _slope(values: NDArray[np.float64], at: int) -> float:
-    bend = np.maximum(np.arange(len(values)) - at, 0.0)
-    bend -= bend.mean()
-    return float(bend @ values / (bend @ bend))
+def _bend(n: int, at: int) -> Array:
+    """Return what rises by 1 a value from a place on, about its mean."""
+    bend = np.maximum(np.arange(n) - float(at), 0.0)
+    return np.asarray(bend - bend.mean())

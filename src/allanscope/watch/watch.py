@@ -23,6 +23,7 @@ from allanscope.watch.scan import (
     is_one_ramp,
     locate,
     moment_of_counts,
+    moment_of_powers,
 )
 from allanscope.watch.summary import (
     FIRST_BIN,
@@ -58,17 +59,12 @@ MOST_PIECES = 4
 """Changes of a level that may turn out to be one ramp."""
 LEVEL_KINDS = ("step", "ramp")
 """Changes of the level of an axis."""
-SCALES = {
-    "variance_change": (3.0, -3.0),
-    "repeated_samples": (2.0, 0.0),
-    "rate_change": (1.0, 0.0, 1.0),
-}
-"""Power of the values of a series, less a zero, that is a mean over the block; else the values.
-Differences of times have no memory."""
 FEWEST_AFTER = 8
 """Blocks, and at least as many as it took to see a change, after which it is measured again."""
 ANSCOMBE = 0.375
 """2 sqrt(n + 3/8) of a Poisson count n has a variance of 1 (Anscombe, Biometrika 35, 1948)."""
+LEAST_ROOT = 1e-3
+"""Cube root of the ratio of a power, below which a sensor is silent."""
 NOISE_GUARD_BLOCKS = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
 
@@ -253,24 +249,26 @@ class Watch:
 
     def _between(self, kind: str, first: int, change: Change, size: float) -> Span:
         """Return the span of a change of a series that begins with a block."""
-        is_rate = kind == "rate_change"
         onset, lower, upper = (
-            self._moment(first + one, is_rate)
-            for one in (change.moment, change.lower, change.upper)
+            self._moment(first + one, kind) for one in (change.moment, change.lower, change.upper)
         )
         return Span(first + change.at, onset, lower, upper, self._position, size)
 
-    def _moment(self, place: float, is_rate: bool = False) -> float:
+    def _moment(self, place: float, kind: str = "") -> float:
         """Return the number of a sample within a block.
 
-        A rate that changes after the last time within a block is seen in the next one.
+        A rate that changes after the last time within a block is seen in the next one, as what
+        begins in the last rows, which are not transformed.
         """
         block = math.floor(place)
         start, stop = (
-            self._sample(one) - (self._late[one % KEPT_BLOCKS] if is_rate else 0.0)
+            self._sample(one) - (self._late[one % KEPT_BLOCKS] if kind == "rate_change" else 0.0)
             for one in (block, block + 1)
         )
-        return max(start + (place - block) * (stop - start), 0.0)
+        within = place - block
+        if kind in ("variance_change", "sinusoid"):
+            within *= self._summarise.length / self._summarise.rows
+        return max(start + within * (stop - start), 0.0)
 
     # --- series ---------------------------------------------------------------------------------
 
@@ -450,7 +448,9 @@ class Watch:
         for track in self.tracks.open(found.axis, ("sinusoid",)):
             if abs(track.last.block - begun) <= max(3, found.since // 2):
                 return  # a harmonic of the line, or its skirt
-        onset, lower, upper = map(self._moment, (found.moment, found.lower, found.upper))
+        onset, lower, upper = (
+            self._moment(one, "sinusoid") for one in (found.moment, found.lower, found.upper)
+        )
         span = Span(math.floor(found.moment), onset, lower, upper, self._position, amplitude)
         window = min(max(found.since, LEAST_WINDOW), 256)
         place = float(found.bin + FIRST_BIN)
@@ -525,12 +525,17 @@ class _Recent:
 
 def _located(kind: str, values: NDArray[np.float64], earliest: int, spread: float) -> Change:
     """Return the change of a series of this kind."""
-    change = locate(values, earliest, spread, *SCALES.get(kind, ()))
+    change = locate(values, earliest, spread)
+    earliest = max(earliest, 0)
+    if kind == "variance_change":
+        powers = np.maximum(1.0 + values / 3.0, LEAST_ROOT) ** 3
+        moment, lower, upper = moment_of_powers(powers, earliest, change.at)
+        return replace(change, moment=moment, lower=lower, upper=upper)
     if kind != "repeated_samples":
         return change
     counts = np.maximum((values / 2.0) ** 2 - ANSCOMBE, 0.0)
     size = (float(values[change.at :].mean()) / 2.0) ** 2 - (change.before / 2.0) ** 2
-    moment, lower, upper = moment_of_counts(counts, max(earliest, 0), change.at)
+    moment, lower, upper = moment_of_counts(counts, earliest, change.at)
     return replace(change, moment=moment, lower=lower, upper=upper, size=size)
 
 

@@ -76,7 +76,8 @@ def sensitivity(study: Study) -> Sensitivity | None:
     if np.count_nonzero(known) < FEWEST or len(prices) < 3:
         return None
     d, found = study.d[known], study.found[known]
-    if found.min() == found.max():  # all are found, or none: there is no half
+    named = np.count_nonzero(found == 2)
+    if min(named, len(found) - named) < FEWEST // 4:  # all are named, or none: there is no half
         return None
     return Sensitivity(
         len(d), half(d, found > 0), half(d, found == 2), float(np.sqrt(2 * np.median(prices)))

@@ -393,7 +393,16 @@ def test_the_moment_of_a_clear_step_is_known_to_a_part_of_its_block():
 
 
 def test_the_moment_of_louder_noise_is_that_of_its_power():
-    """What is louder scatters more: as a step of equal scatter it was told too late."""
+    """Half a block of eight times the power is halfway, and what is louder scatters more.
+
+    As a step of equal scatter it was told too late.
+    """
+    power = np.where(np.arange(70) < 50, 1.0, 8.0)
+    power[50] = 4.5
+    power *= 1.0 + 0.01 * np.cos(np.arange(70) ** 2)
+    _, lower, upper = moment_of_powers(power, 20, 50)
+    assert lower <= 50.5 <= upper
+    assert upper - lower < 0.25
     rng, ranks = np.random.default_rng(12), []
     for _ in range(200):
         at, ratio = rng.uniform(40.0, 60.0), np.exp(rng.uniform(np.log(1.5), np.log(8.0)))

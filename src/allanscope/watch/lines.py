@@ -19,7 +19,7 @@ from scipy.special import i0e
 
 from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.false_alarms import log_weight
-from allanscope.watch.scan import PARTS, moment_of
+from allanscope.watch.scan import LEFT, moment_of
 from allanscope.watch.summary import LANES, groups_of, of_axis
 
 __all__ = ["LineAlarm", "LineCusums"]
@@ -239,8 +239,7 @@ class LineCusums:
         ratio /= max(spread, 1.0)
         whole = ratio[-max(min(since, looked_at) - 1, 1) :]
         excess = max(float(whole.mean()) - 1.0, 0.1) * EXCESSES[:, np.newaxis, np.newaxis]
-        after = 1.0 - (np.arange(PARTS) + 0.5) / PARTS
-        shown = after - np.sin(2.0 * np.pi * after) / (2.0 * np.pi)
+        shown = LEFT - np.sin(2.0 * np.pi * LEFT) / (2.0 * np.pi)
         power = excess * np.append(shown, 1.0) ** 2
         ratio = ratio[:, np.newaxis]
         if is_clear:

@@ -351,22 +351,21 @@ def _quantiles(loglik: Array) -> Array:
     return np.asarray(np.interp(np.array(QUANTILES) * below[-1], below, borders))
 
 
-def moment_of(gains: Array, weights: Array | None = None) -> tuple[float, float, float]:
+def moment_of(gains: Array, weights: Array) -> tuple[float, float, float]:
     """Return the median of a moment and the ends of its 95 % interval, in blocks.
 
     Parameters
     ----------
-    gains : ndarray of float64, shape (n, PARTS + 1) or (k, n, PARTS + 1)
+    gains : ndarray of float64, shape (k, n, PARTS + 1)
         Log-likelihood that each block gains if the change is in one of its parts; last, if it was
-        before it. Of k sizes of the change, where it is not known.
-    weights : ndarray of float64, shape (k,), optional
+        before it. Of k sizes of the change.
+    weights : ndarray of float64, shape (k,)
         How likely each size is beforehand.
     """
     later = np.cumsum(gains[..., ::-1, -1], axis=-1)[..., ::-1] - gains[..., -1]
     loglik = gains[..., :-1] + later[..., np.newaxis]
-    if weights is not None:
-        size = weights[:, np.newaxis, np.newaxis]
-        loglik = np.log(np.sum(size * np.exp(loglik - loglik.max()), axis=0) + 1e-300)
+    size = weights[:, np.newaxis, np.newaxis]
+    loglik = np.log(np.sum(size * np.exp(loglik - loglik.max()), axis=0) + 1e-300)
     median, lower, upper = _quantiles(loglik).tolist()
     return median, lower, upper
 

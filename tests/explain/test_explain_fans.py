@@ -10,7 +10,7 @@ import pytest
 from allanscope.explain import explain
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.amplitude_coupling import _gains
+from allanscope.explain.effects.amplitude_coupling import _Powers
 from allanscope.explain.effects.excursion import Excursion
 from allanscope.explain.effects.unexplained import _range
 from allanscope.explain.effects.variance_change import VarianceChange
@@ -112,5 +112,5 @@ def test_a_low_pass_of_rows_that_were_resampled_is_one():
 
 def test_silent_blocks_follow_no_other_axis_and_warn_of_nothing():
     quiet = np.r_[np.zeros(20), np.ones(20)]
-    gains = _gains(quiet, 50.0, quiet + 0.5, 0.3)
+    gains = _Powers(("gy", False), False, 50, quiet >= 0, quiet, quiet + 0.5).gains(0.3)
     assert np.all(np.isfinite(gains))

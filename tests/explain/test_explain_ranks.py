@@ -317,18 +317,46 @@ def test_noise_that_follows_loud_samples_follows_by_as_much_as_is_said():
     assert np.mean(found) == pytest.approx(share, abs=0.012)
 
 
+@pytest.mark.parametrize("at_once", [True, False])
+def test_noise_follows_each_sample_or_the_loudness(at_once):
+    rng, n, share, found = np.random.default_rng(46), 3120, 0.25, []
+    for _ in range(40):
+        loud = np.repeat(np.exp(rng.normal(0, 0.8, 195)), 16)[:n]
+        motion = loud * rng.standard_normal(n)
+        follows = motion if at_once else loud
+        power = follows**2 / np.mean(follows**2)
+        rows = np.sqrt(1 + share * (power - 1)) * rng.standard_normal(n)
+        view = view_of(rows, 8 * motion + rng.standard_normal(n))
+        found += [c.effect for c in amplitude_coupling.AmplitudeCoupling.propose(view)]
+    assert len(found) > 35
+    assert sum(one.at_once == at_once for one in found) >= 0.95 * len(found)
+    shares = [one.share.value for one in found]
+    assert np.mean(shares) == pytest.approx(share, abs=0.02)
+
+
+def test_what_an_axis_shares_with_another_makes_no_noise_that_follows():
+    """It is loud in the same samples, whatever the filter between them; nothing else is."""
+    rng, n = np.random.default_rng(47), 12_000
+    for _ in range(8):
+        motion = np.repeat(np.exp(rng.normal(0, 0.5, n // 500)), 500) * rng.standard_normal(n)
+        leak = 0.15 * motion + 0.1 * np.roll(motion, 1)
+        view = view_of(leak + rng.standard_normal(n), 8 * motion + rng.standard_normal(n))
+        found = amplitude_coupling.AmplitudeCoupling.propose(view)
+        assert not any(candidate.excess > 0 for candidate in found)
+
+
 def test_a_share_is_known_as_well_as_the_tails_of_what_follows_allow():
     """Loud blocks tell it, and scatter more: without that the error is an eighth too small."""
     rng, rows, share, shares, errors = np.random.default_rng(44), 16, 0.6, [], []
     loud = np.where(np.arange(200) % 8 == 0, 6.0, 0.6)[:, np.newaxis]
+    everywhere = np.ones(200, bool)
     for _ in range(300):
         motion = loud * rng.standard_normal((200, rows)) ** 2
         noise = (1 + share * (motion / loud.mean() - 1)) * rng.standard_normal((200, rows)) ** 2
         power, q = noise.mean(axis=1), motion.mean(axis=1)
-        found = amplitude_coupling._fit(power, q)
-        freedom = amplitude_coupling._freedom(power, rows, q, found)
-        shares.append(found)
-        errors.append(amplitude_coupling._error(power, freedom, q, found))
+        found = amplitude_coupling._Powers(("gy", False), False, rows, everywhere, power, q)
+        shares.append(found.share)
+        errors.append(found.error)
     assert np.std(shares) == pytest.approx(np.median(errors), rel=0.12)
 
 

@@ -5,23 +5,27 @@ in (`cross_coupling` finds nothing), it decides how much noise there is,
 
 .. math:: \mathrm{Var}\, y(t) = v_0 + c^2 (x(t) - \bar x)^2 .
 
-The spectrum sees the mean of it. The data are whitened and cut into blocks; their mean squares are
-chi-square around :math:`1 + s (q_b / \bar q - 1)` with q the mean square of the other axis in the
-block, about its mean there (motion) or over the record (level). The share s of the power that
-follows is found by maximum likelihood, and judged on stretches of time that were not used. The
-source varies clearly more than what follows it, as this has a part that does not: that tells the
-direction, and two axes that are shaken together from one that follows. The rows are divided by the
-level, so that what comes later is looked for in even noise.
+The spectrum sees the mean of it. The data are whitened; their squares are chi-square around
+:math:`1 + s (q / \bar q - 1)` with q the square of the other axis, about its mean over half a
+second (motion) or over the record (level). They are compared sample by sample, which tells most
+where the noise follows at once, and as means over half a second, where it is merely louder while
+the other moves; the likelier is taken. The share s of the power that follows is found by maximum
+likelihood, and judged on stretches of time that were not used. The source varies clearly more than
+what follows it, as this has a part that does not: that tells the direction, and two axes that are
+shaken together from one that follows. The rows are divided by the level, so that what comes later
+is looked for in even noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, rfft
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
@@ -50,6 +54,8 @@ _CLEARLY = 5.0
 _ELSEWHERE = 1.5
 """Nats that the share gains away from the stretch that gains most, at the least: of records in
 which one event shakes both axes, five of 700 have them."""
+_BANDS, _PER_BAND = 64, 100
+"""Most bands in which an axis may have any share of another at any phase, and rows for each."""
 _MOST = 0.999
 """Largest share of its power that may follow: at 1 the likelihood is singular."""
 _STEP, _LEAST = 0.01, 0.01
@@ -70,12 +76,15 @@ class AmplitudeCoupling(EffectKind):
         Of the power of the noise that follows.
     of_the_level : bool
         Whether it follows the level of the other axis, and not its motion alone.
+    at_once : bool
+        Whether each sample follows, and not the loudness over half a second alone.
     """
 
     source: Parameter
     slope: Estimate
     share: Estimate
     of_the_level: bool
+    at_once: bool
 
     kind = "amplitude_coupling"
     meaning = "the amplitude of the noise follows another axis"
@@ -99,57 +108,45 @@ class AmplitudeCoupling(EffectKind):
         what = "level" if self.of_the_level else "motion"
         return (
             f"{100 * self.share.value:.3g} % of the noise power follows the {what} of "
-            f"{self.source.value}, {self.slope.text}"
+            f"{self.source.value}{' sample by sample' * self.at_once}, {self.slope.text}"
         )
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Compare the power of the noise with the motion and the level of every other axis."""
-        squares, size, kept = _squares(view)
-        if len(squares) < _FEWEST:
+        likely = max(_powers(view), key=_gain, default=None)
+        if likely is None:
             return []
-        own = _spread(_motion(view.samples, size)[kept], size)
-        found = []
-        sources = list(_sources(view, size))
-        for source, level, motion in sources:
-            q = motion[kept]
-            if _spread(q, size) > max(_SOURCE * own, _MOVES * 2 / size):
-                power = _power(squares, q)
-                share = _fit(power, q)
-                freedom = _freedom(power, size, q, share)
-                gain = float(_gains(power, freedom, q, share).sum())
-                found.append((gain, share, source, level, motion, power, freedom))
-        if not found:
+        found = max(_powers(view, likely.source[0]), key=_gain)
+        if found.gain < _CLEARLY:
             return []
-        gain, share, source, level, motion, power, freedom = max(found, key=lambda one: one[0])
-        if gain < _CLEARLY:
-            return []
-        q = motion[kept]
-        looked_at = float(np.log(len(sources)))
-        error = _error(power, freedom, q, share)
+        share, error = found.share, found.error
+        source, of_the_level = found.source
         white = float(np.median(view.spectrum.ordinates))
         slope, lower, upper = (
-            float(np.sqrt(max(share + away * error, 0.0) * white / q.mean()))
+            float(np.sqrt(max(share + away * error, 0.0) * white / found.q.mean()))
             for away in (0.0, -TWO_SIDED_95, TWO_SIDED_95)
         )
         effect = cls(
             Parameter(source),
             Estimate(slope, lower, upper, f"{view.unit}/{view.unit_of(source)}"),
             Estimate.of(share, error),
-            level,
+            of_the_level,
+            found.at_once,
         )
-        relative = np.where(kept, motion / q.mean(), 1.0)
-        best = Candidate(effect, gain, looked_at, signal=effect.signal(view, relative, size))
+        looked_at = float(np.log(4 * (len(view.series.axes) - 1)))
+        best = Candidate(effect, found.gain, looked_at, signal=effect.signal(view, likely))
         abrupt = max((c.excess for c in VarianceChange.propose(view)), default=0.0)
         return [] if abrupt > 0 and best.excess < abrupt + _CLEARLY else [best]
 
-    def signal(self, view: View, relative: Array, size: int) -> Array:
+    def signal(self, view: View, blocks: _Powers) -> Array:
         """Return what the rows exceed those of even noise by, shape (n,).
 
-        `relative` is the mean squares of the blocks of the source, over their mean.
+        They are evened by the level of blocks: what is slow is no louder in a loud sample.
         """
-        s = np.sqrt(1 + self.share.value * (relative - 1))
-        centre = (np.arange(len(s)) + 0.5) * size
+        s = np.ones(len(blocks.kept))
+        s[blocks.kept] = np.sqrt(blocks.following(self.share.value))
+        centre = (np.arange(len(s)) + 0.5) * blocks.rows
         scale = np.interp(np.arange(view.grid.n), centre, s)
         data = view.data - view.data.mean()
         return np.asarray(data * (1 - 1 / scale))
@@ -164,24 +161,23 @@ class AmplitudeCoupling(EffectKind):
         Of one event that shakes both axes nothing can be told: without the stretch that gains most,
         and those beside it, the noise must follow by the same share as well.
         """
-        power, q, freedom = self._followed(view)
-        share, most, stretch = self.share.value, self.share.upper, _stretches(len(power))
-        gained = np.bincount(stretch, _gains(power, freedom, q, share))
+        found = self._followed(view)
+        share, most, stretch = self.share.value, self.share.upper, _stretches(len(found.power))
+        gained = np.bincount(stretch, found.gains(share))
         away = np.abs(stretch - int(np.argmax(gained))) > 1
-        elsewhere = _gains(power[away], freedom, q[away], share, q.mean()).sum()
+        elsewhere = found.gains(share, away)[away].sum()
         follows = elsewhere > _ELSEWHERE and most is not None and most < 1
         return candidate if follows else None
 
-    def _followed(self, view: View) -> tuple[Array, Array, float]:
-        """Return the power of the blocks, that of what it follows, and the freedom of a block."""
-        squares, size, kept = _squares(view)
-        share, found = self.share.value, []
-        for source, level, motion in _sources(view, size):
-            if (source, level) == (self.source.value, self.of_the_level):
-                q = motion[kept]
-                power = _power(squares, q)
-                found.append((power, q, _freedom(power, size, q, share)))
-        return max(found, key=lambda one: float(_gains(one[0], one[2], one[1], share).sum()))
+    def _followed(self, view: View) -> _Powers:
+        """Return the powers of what follows, and of what it follows, as they were found."""
+        source, share = (str(self.source.value), self.of_the_level), self.share.value
+        same = (
+            one
+            for one in _powers(view, source[0])
+            if (one.source, one.at_once) == (source, self.at_once)
+        )
+        return max(same, key=lambda one: float(one.gains(share).sum()))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Fit every second stretch of the record, and judge by those between.
@@ -189,12 +185,11 @@ class AmplitudeCoupling(EffectKind):
         Where few stretches hold most of the gain their scatter would be the gain itself: the error
         is what noise moves a gain by.
         """
-        power, q, freedom = self._followed(view)
-        gained, stretch = np.zeros(len(power)), _stretches(len(power))
+        found = self._followed(view)
+        gained, stretch = np.zeros(len(found.power)), _stretches(len(found.power))
         for fold in (0, 1):
             train = stretch % 2 == fold
-            share = _fit(power[train], q[train], q.mean())
-            gained[~train] = _gains(power, freedom, q, share, q.mean(), train)[~train]
+            gained[~train] = found.gains(found.fit(train), train)[~train]
         return HeldOut(
             nats=float(gained.sum()),
             error=float(np.sqrt(2 * max(candidate.gain, 0.0))),
@@ -203,116 +198,172 @@ class AmplitudeCoupling(EffectKind):
         )
 
 
-def _block_rows(view: View) -> int:
-    return max(_FEWEST_ROWS, int(_BLOCK_S * view.grid.rate_hz))
+@dataclass(frozen=True)
+class _Powers:
+    """Mean squares of an axis, and of another that it may follow, of blocks or of samples.
 
-
-def _stretches(blocks: int) -> NDArray[np.int64]:
-    """Return the stretch in which each block is."""
-    return np.arange(blocks) * _STRETCHES // blocks
-
-
-def _squares(view: View) -> tuple[Array, int, NDArray[np.bool_]]:
-    """Return the squares of the whitened data in blocks, rows in one, and which blocks they are.
-
-    Where a burst was taken out of the rows they tell nothing: they are no longer as loud as the
-    other axis moves.
+    Attributes
+    ----------
+    source : (str, bool)
+        The other axis, and whether its level counts or its motion.
+    at_once : bool
+        Whether the squares are those of samples.
+    rows : int
+        In a block.
+    kept : ndarray, shape (blocks,)
+        Those that tell.
+    power, q : ndarray, shape (n,)
+        Of the axis, whitened, and of the other, where they tell.
     """
-    size = _block_rows(view)
-    blocks = view.grid.n // size
-    if blocks < _FEWEST:
-        return np.empty((0, size)), size, np.zeros(blocks, bool)
-    white = view.innovations[: blocks * size].reshape(blocks, size)
+
+    source: tuple[str, bool]
+    at_once: bool
+    rows: int
+    kept: NDArray[np.bool_]
+    power: Array
+    q: Array
+
+    @cached_property
+    def share(self) -> float:
+        """The likeliest."""
+        return self.fit()
+
+    @cached_property
+    def gain(self) -> float:
+        """What it gains, nats."""
+        return float(self.gains(self.share).sum())
+
+    @cached_property
+    def freedom(self) -> float:
+        """Degrees of freedom of a mean square: its samples, or less by tails.
+
+        Neighbours tell them, once what follows the source is divided out: it scatters as well.
+        """
+        even = self.power / self.following(self.share)
+        scatter = float(np.mean(np.diff(even / even.mean()) ** 2)) / 2
+        return float(min(2 / scatter, 1 if self.at_once else self.rows))
+
+    @property
+    def error(self) -> float:
+        """Standard error of the likeliest share.
+
+        The likelihood takes all blocks to scatter alike. But what follows Gaussian motion has
+        tails: the mean square of n rows, of which the part p follows, has the relative variance
+        (2 + 6 p^2) / n, and loud blocks tell the share.
+        """
+        share, q = self.share, self.q
+        step = min(_STEP, share / 2, (1 - share) / 2)  # beyond 0 and 1 there is no likelihood
+        low, best, high = (float(self.gains(share + away).sum()) for away in (-step, 0.0, step))
+        information = max((2 * best - low - high) / step**2, _LEAST)
+        if self.at_once:
+            return float(information**-0.5)
+        factor = self.following(share)
+        scatter = 1 + 3 * (share * q / (q.mean() * factor)) ** 2
+        telling = (q / q.mean() - 1) / factor
+        telling = (telling - telling.mean()) ** 2
+        wider = np.average(scatter, weights=telling) / scatter.mean()
+        return float(np.sqrt(wider / information))
+
+    def fit(self, known: NDArray[np.bool_] | slice = slice(None)) -> float:
+        """Return the likeliest share of the known ones, whatever their freedom."""
+
+        def loss(share: float) -> float:
+            return -float(self._gains(share, known)[known].sum())
+
+        return minimise_between(loss, 0.0, _MOST, within=1e-4)[0]
+
+    def following(self, share: float) -> Array:
+        """Return by which factor the power is other than its mean as it follows the source."""
+        return np.asarray(1 + share * (self.q / self.q.mean() - 1))
+
+    def gains(self, share: float, known: NDArray[np.bool_] | slice = slice(None)) -> Array:
+        """Return what each gains by a share; the level is that of the known ones, or of all."""
+        return self.freedom * self._gains(share, known)
+
+    def _gains(self, share: float, known: NDArray[np.bool_] | slice) -> Array:
+        factor = self.following(share)
+        scaled = self.power / factor
+        level, other = self.power[known].mean(), scaled[known].mean()
+        change = np.log(factor * other / level)
+        return np.asarray((self.power / level - scaled / other - change) / 2)
+
+
+def _powers(view: View, axis: str | None = None) -> Iterator[_Powers]:
+    """Yield the powers of blocks beside the motion and the level of every axis that varies more.
+
+    Beside one axis alone, those of samples too, and without what the two have in common: that is
+    as loud as the other, and would follow it without any noise that does.
+    """
+    size = max(_FEWEST_ROWS, int(_BLOCK_S * view.grid.rate_hz))
+    kept = _untouched(view, size)
+    if axis is None and np.count_nonzero(kept) < _FEWEST:
+        return
+    own = _spread(_squares(view.samples, size, level=False)[kept])
+    least = max(_SOURCE * own, _MOVES * 2 / size)
+    others = [other for other in view.series.axes if other != view.axis]
+    for other in others if axis is None else [axis]:
+        for x in (one.rows for one in view.sources(other)):
+            white = view.innovations if axis is None else _apart(view.innovations, x)
+            squares = _blocks(white, size)[kept] ** 2
+            for level in (False, True):
+                q = _squares(x, size, level)[kept]
+                if (axis is None and _spread(q) <= least) or not q.any():
+                    continue
+                for at_once in (False,) if axis is None else (False, True):
+                    each = q if at_once else q.mean(axis=1, keepdims=True)
+                    # Where the source is loud, loud samples may follow it.
+                    power = np.minimum(squares, _CAP * np.maximum(each / each.mean(), 1.0))
+                    power = power.ravel() if at_once else power.mean(axis=1)
+                    yield _Powers((other, level), at_once, size, kept, power, each.ravel())
+
+
+def _gain(powers: _Powers) -> float:
+    return powers.gain
+
+
+def _untouched(view: View, size: int) -> NDArray[np.bool_]:
+    """Return which blocks tell: where a burst was taken out they are no longer as loud."""
     bursts = [
         c.signal for c in view.accepted if c.effect.motion == "burst" and c.signal is not None
     ]
     taken = np.any(bursts, axis=0) if bursts else np.zeros(view.grid.n, bool)
-    kept = ~np.any(taken[: blocks * size].reshape(blocks, size), axis=1)
-    return white[kept] ** 2, size, kept
+    return np.asarray(~_blocks(taken, size).any(axis=1))
 
 
-def _power(squares: Array, q: Array) -> Array:
-    """Return the mean squares of blocks: where the source is loud, loud samples may follow it."""
-    most = _CAP * np.maximum(q / q.mean(), 1.0)
-    return np.asarray(np.minimum(squares, most[:, np.newaxis]).mean(axis=1))
+def _apart(white: Array, x: Array) -> Array:
+    """Return whitened data without what they have in common with an axis, by bands.
+
+    Where a few rows hold most of the power of the other, as many tell of it, and bands are fewer.
+    What chance alone takes out of the loud rows is put back.
+    """
+    x = x - x.mean()
+    loud = x**2 / np.sum(x**2)
+    bands = int(np.clip(1 / (_PER_BAND * np.sum(loud**2)), 1, _BANDS))
+    own, other = rfft(white), rfft(x)
+    edges = np.linspace(0, len(own), bands + 1).astype(np.int64)
+    cross = np.add.reduceat(own * other.conj(), edges[:-1])
+    power = np.add.reduceat(np.abs(other) ** 2, edges[:-1])
+    shared = np.repeat(cross / np.maximum(power, np.finfo(np.float64).tiny), np.diff(edges))
+    return np.asarray(irfft(own - shared * other, len(white)) * (1 + bands * loud))
 
 
-def _motion(x: Array, size: int) -> Array:
-    """Return the mean squares of blocks about their means."""
-    return np.asarray(x[: len(x) // size * size].reshape(-1, size).var(axis=1))
+def _blocks(x: NDArray[Any], size: int) -> NDArray[Any]:
+    return x[: len(x) // size * size].reshape(-1, size)
 
 
-def _sources(view: View, size: int) -> Iterator[tuple[str, bool, Array]]:
-    """Yield the other axes with the mean squares of their blocks, of the motion and the level."""
-    for axis in view.series.axes:
-        for x in (one.rows for one in view.sources(axis) if axis != view.axis):
-            motion = _motion(x, size)
-            yield axis, False, motion
-            means = x[: len(motion) * size].reshape(-1, size).mean(axis=1)
-            yield axis, True, motion + (means - x.mean()) ** 2
+def _squares(x: Array, size: int, level: bool) -> Array:
+    """Return the squares about the mean of the record, or of each block, shape (blocks, size)."""
+    blocks = _blocks(x, size)
+    return np.asarray((blocks - (x.mean() if level else blocks.mean(axis=1, keepdims=True))) ** 2)
 
 
-def _spread(q: Array, size: int) -> float:
+def _spread(squares: Array) -> float:
     """Return the relative variance of mean squares of blocks beyond that of white noise."""
+    q = squares.mean(axis=1)
     mean = float(q.mean())
-    return float(q.var()) / mean**2 - 2 / size if mean > 0 else 0.0
+    return float(q.var()) / mean**2 - 2 / squares.shape[1] if mean > 0 else 0.0
 
 
-def _following(q: Array, share: float, mean: float) -> Array:
-    """Return by which factor the power of blocks is other than its mean as it follows a source."""
-    return np.asarray(1 + share * (q / mean - 1))
-
-
-def _freedom(power: Array, size: int, q: Array, share: float) -> float:
-    """Return the degrees of freedom of a block: its rows, or less by tails.
-
-    Neighbours tell them, once what follows the source is divided out: it scatters as well.
-    """
-    even = power / _following(q, share, float(q.mean()))
-    scatter = float(np.mean(np.diff(even / even.mean()) ** 2)) / 2
-    return float(np.clip(2 / scatter, 1.0, size))
-
-
-def _error(power: Array, freedom: float, q: Array, share: float) -> float:
-    """Return the standard error of the likeliest share.
-
-    The likelihood takes all blocks to scatter alike. But what follows Gaussian motion has tails:
-    the mean square of n rows, of which the part p follows, has the relative variance
-    (2 + 6 p^2) / n, and loud blocks tell the share.
-    """
-    step = min(_STEP, share / 2, (1 - share) / 2)  # beyond 0 and 1 there is no likelihood
-    low, best, high = (
-        float(_gains(power, freedom, q, share + away).sum()) for away in (-step, 0.0, step)
-    )
-    information = max((2 * best - low - high) / step**2, _LEAST)
-    factor = _following(q, share, float(q.mean()))
-    scatter = 1 + 3 * (share * q / (q.mean() * factor)) ** 2
-    telling = (q / q.mean() - 1) / factor
-    telling = (telling - telling.mean()) ** 2
-    wider = np.average(scatter, weights=telling) / scatter.mean()
-    return float(np.sqrt(wider / information))
-
-
-def _gains(
-    power: Array,
-    freedom: float,
-    q: Array,
-    share: float,
-    mean: float | None = None,
-    known: NDArray[np.bool_] | slice = slice(None),
-) -> Array:
-    """Return what every block gains by a share; the level is that of the known ones, or of all."""
-    factor = _following(q, share, float(q.mean()) if mean is None else mean)
-    scaled = power / factor
-    level, other = power[known].mean(), scaled[known].mean()
-    change = np.log(factor * other / level)
-    return np.asarray(freedom / 2 * (power / level - scaled / other - change))
-
-
-def _fit(power: Array, q: Array, mean: float | None = None) -> float:
-    """Return the likeliest share, whatever the freedom of the blocks."""
-
-    def loss(share: float) -> float:
-        return -float(_gains(power, 1.0, q, share, mean).sum())
-
-    return minimise_between(loss, 0.0, _MOST, within=1e-4)[0]
+def _stretches(n: int) -> NDArray[np.int64]:
+    """Return the stretch in which each is."""
+    return np.arange(n) * _STRETCHES // n

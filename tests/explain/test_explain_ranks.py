@@ -345,6 +345,16 @@ def test_what_an_axis_shares_with_another_makes_no_noise_that_follows():
         assert not any(candidate.excess > 0 for candidate in found)
 
 
+def test_knocks_that_shake_two_axes_make_no_noise_that_follows_sample_by_sample():
+    rng, n = np.random.default_rng(48), 12_000
+    for _ in range(8):
+        knocks = np.where(rng.random((n, 1)) < 3e-3, 12.0, 1.0)
+        rows = knocks * rng.standard_normal((n, 2))
+        view = view_of(rows[:, 0], 8 * np.where(knocks[:, 0] > 1, 4, 1) * rows[:, 1])
+        found = amplitude_coupling.AmplitudeCoupling.propose(view)
+        assert not any(one.effect.at_once for one in found)
+
+
 def test_a_share_is_known_as_well_as_the_tails_of_what_follows_allow():
     """Loud blocks tell it, and scatter more: without that the error is an eighth too small."""
     rng, rows, share, shares, errors = np.random.default_rng(44), 16, 0.6, [], []

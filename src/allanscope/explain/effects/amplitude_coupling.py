@@ -32,6 +32,7 @@ from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.view import View
+from allanscope.median import medians
 from allanscope.optimise import minimise_between
 from allanscope.quantities import TWO_SIDED_95
 
@@ -56,6 +57,9 @@ _ELSEWHERE = 1.5
 which one event shakes both axes, five of 700 have them."""
 _BANDS, _PER_BAND = 64, 100
 """Most bands in which an axis may have any share of another at any phase, and rows for each."""
+_ALONE = 25.0
+"""Square of a sample of the source over the median of its block beyond which it is looked at in the
+mean of the block alone: a knock shakes all axes in the same rows."""
 _MOST = 0.999
 """Largest share of its power that may follow: at 1 the likelihood is singular."""
 _STEP, _LEAST = 0.01, 0.01
@@ -313,8 +317,10 @@ def _powers(view: View, axis: str | None = None) -> Iterator[_Powers]:
                     each = q if at_once else q.mean(axis=1, keepdims=True)
                     # Where the source is loud, loud samples may follow it.
                     power = np.minimum(squares, _CAP * np.maximum(each / each.mean(), 1.0))
-                    power = power.ravel() if at_once else power.mean(axis=1)
-                    yield _Powers((other, level), at_once, size, kept, power, each.ravel())
+                    usual = each <= _ALONE * medians(each)[:, np.newaxis]
+                    power = power[usual] if at_once else power.mean(axis=1)
+                    if each[usual].any():  # a coarse source may rest in most samples
+                        yield _Powers((other, level), at_once, size, kept, power, each[usual])
 
 
 def _gain(powers: _Powers) -> float:

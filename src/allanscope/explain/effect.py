@@ -201,8 +201,8 @@ class SearchStep:
     Attributes
     ----------
     move : str
-        ``add``, ``add pair``, ``add bundle``, ``drop``, ``fold sidebands``, ``split``,
-        ``replace drift``, ``resolve``.
+        ``add``, ``add pair``, ``add bands``, ``add beside``, ``add bundle``, ``drop``,
+        ``fold sidebands``, ``split``, ``replace drift``, ``resolve``.
     kind, description : str
         The effect.
     gain, penalty : float

@@ -39,6 +39,7 @@ from allanscope.allan import Deviation
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, Shares
 from allanscope.explain.series import block_means, deviation_of
+from allanscope.explain.stationarity import reach_of
 from allanscope.explain.view import View
 from allanscope.noise import NoiseFit, NoiseModel, gls_chi2
 from allanscope.noise.components import LineProfile, Ramp
@@ -85,6 +86,8 @@ class Bands:
     ----------
     frequency, low, high : ndarray, shape (b,)
         Centre and limits in Hz.
+    first : ndarray, shape (b,)
+        Index of the first ordinate.
     count : ndarray, shape (b,)
         Ordinates in each.
     ratio : ndarray, shape (b,)
@@ -98,9 +101,15 @@ class Bands:
     frequency: Array
     low: Array
     high: Array
+    first: NDArray[np.int64]
     count: Array
     ratio: Array
     z: Array
+
+    def means(self, ordinates: Array) -> Array:
+        """Return the mean of something in each band, shape (b,)."""
+        count = np.diff(self.first, append=len(ordinates))
+        return np.asarray(np.add.reduceat(ordinates, self.first) / count)
 
 
 def band_scores(view: View) -> Bands:
@@ -120,7 +129,7 @@ def band_scores(view: View) -> Bands:
     z = (np.cbrt(ratio) - (1 - 2 / (9 * nu))) / np.sqrt(2 / (9 * nu))
     z[count < 1] = 0.0
     low, high = (limits[:-1] + 0.5) * unit, (limits[1:] + 0.5) * unit
-    return Bands(np.sqrt(low * high), low, high, count, ratio, z)
+    return Bands(np.sqrt(low * high), low, high, edges, count, ratio, z)
 
 
 def _independent(count: Array, innovations: Array) -> Array:
@@ -168,7 +177,9 @@ def removes(view: View, candidate: Candidate) -> bool:
     after = view.with_parts(*candidate.parts)
     bands = band_scores(view)
     later = band_scores(after)
-    change = np.abs(np.log(after.spectrum.at(bands.frequency) / view.spectrum.at(bands.frequency)))
+    change = bands.means(np.abs(np.log(after.spectrum.ordinates / view.spectrum.ordinates)))
+    low, high = reach_of(view, candidate)
+    change[(bands.high < low) | (bands.low > high)] = 0.0  # there the others have made room
     weight = change * np.sqrt(bands.count)
     own = weight > 0.5 * weight.max()
     if not own.any():

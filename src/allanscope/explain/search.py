@@ -3,7 +3,7 @@
 ::
 
     for each stage: faults of the data, outliers, level and spectrum, variance, what is left over
-        propose ──▶ add pair │ add │ add beside │ add bundle ──▶ fold, split ──▶ refit ──▶ drop ─┐
+        propose ──▶ add pair │ bands │ one │ beside │ bundle ──▶ fold, split ──▶ refit ──▶ drop ─┐
            ▲                                                                                     │
            └─────────────────────────────────────────────────────────────────────────────────────┘
         replace drift
@@ -29,6 +29,7 @@ from allanscope.explain.moves.add import (
     proposals,
     with_rivals,
 )
+from allanscope.explain.moves.add_bands import add_bands
 from allanscope.explain.moves.drop import drop, drop_taken_over
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.give_back import give_back
@@ -141,6 +142,8 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
         view = with_rivals(view, former, candidates)
         if main and (pair := add_pair(view, kinds, candidates, path)) is not None:
             view, former = _fitted(pair, path), []
+        elif main and (bands := add_bands(view, candidates, path)) is not None:
+            view, former = _fitted(bands, path), []
         elif (added := add(view, candidates, path, unite=main)) is not None:
             folded = fold_sidebands(added, path)
             view = split_bands(folded, path)

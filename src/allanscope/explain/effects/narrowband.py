@@ -78,8 +78,9 @@ _ONE_SHAPE = 0.01
 """Width over frequency below which resonance and wandering line differ by 0.1 nats in 100."""
 _NOTHING = 1e-12
 """Share of the largest power that is none."""
-_FORBIDDEN = 1e15
-"""Loss beyond the ends of the window."""
+_FORBIDDEN, _LOUDEST = 1e15, 100.0
+"""Loss beyond the ends of the window, and logarithm of the background over that of the model beyond
+which there is no likelihood either."""
 _SHAPELY, _BROAD = 100.0, 500.0
 """Nats and independent powers from which the form of a band can be told, and that it holds noise:
 any tone that moves has a flat top too."""
@@ -337,6 +338,8 @@ class _Window:
         Of several bands: the last three again for each.
         """
         grid, bands = self.grid, p[1:].reshape(-1, 3).tolist()
+        if p[0] > _LOUDEST:
+            return _FORBIDDEN
         variance = self.background * np.exp(p[0])
         for last, (log_variance, f0, log_width) in enumerate(bands, 1 - len(bands)):
             width, size = float(np.exp(log_width)), float(np.exp(log_variance))

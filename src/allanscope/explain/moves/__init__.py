@@ -4,6 +4,7 @@
 `add`                 the candidate that gains most beyond its penalty and passes the gates
 `add_pair`            warm-up and temperature, which take each other's place when fitted alone
 `add_beside`          a process that was refused, and what had hidden what it is
+`add_bands`           resonances side by side, of which none holds alone, and their low-pass
 `add_bundle`          several slow effects that pass together though none passes alone
 `refit`               every effect estimated again given the others
 `drop`                effects that later ones have made superfluous

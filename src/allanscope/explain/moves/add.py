@@ -25,9 +25,9 @@ from allanscope.explain.moves.refit import refit
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
-__all__ = ["add", "add_beside", "add_bundle", "add_pair", "proposals", "with_rivals"]
+__all__ = ["GOOD_PART", "add", "add_beside", "add_bundle", "add_pair", "proposals", "with_rivals"]
 
-_GOOD_PART = 0.3
+GOOD_PART = 0.3
 """Share of a band's gain that a line may have which is all there is to the band."""
 
 
@@ -80,7 +80,7 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     ranked = sorted(candidates, key=lambda c: -c.excess)
     for band in tuple(ranked):
         lines = [
-            c for c in ranked if band.effect.holds(c.effect) and c.excess > _GOOD_PART * band.excess
+            c for c in ranked if band.effect.holds(c.effect) and c.excess > GOOD_PART * band.excess
         ]
         if lines and band.excess > 0:
             ranked.remove(lines[0])

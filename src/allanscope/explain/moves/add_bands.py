@@ -1,0 +1,84 @@
+"""Add resonances that lie side by side: alone, the first is fitted to all of them, and is refused.
+
+What is accepted in its place is none of them: a low-pass with its cutoff at the end of the last, or
+a range without a name. So the next bands, and a low-pass, are looked for beside it, all are
+estimated again until that gains nothing, and each is judged beside the others.
+"""
+
+from __future__ import annotations
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.band_limit import BandLimit
+from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.gates import judge, penalty_passed
+from allanscope.explain.moves import SearchPath
+from allanscope.explain.moves.add import GOOD_PART, proposals
+from allanscope.explain.moves.refit import estimate_again
+from allanscope.explain.view import View
+
+__all__ = ["add_bands"]
+
+_MOST, _EVALUATIONS = 8, 60
+"""Most effects that are added together, and evaluations after which no more are looked for."""
+_ROUNDS, _CLOSE, _MOST_OF_IT = 6, 3.0, 0.03
+"""Most turns in which they are estimated again; nats, and the part of what all turns have gained,
+that another must gain."""
+
+
+def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View | None:
+    """Return the view with several bands, or None where one alone is what it seems or none is."""
+    bands = [c for c in candidates if isinstance(c.effect, Narrowband)]
+    band = max(bands, key=_excess, default=None)
+    if band is None or not penalty_passed(view, band, path.spent):
+        return None
+    if any(band.effect.holds(c.effect) and c.excess > GOOD_PART * band.excess for c in candidates):
+        return None  # a line first
+    if _judged(view, band.finished()):
+        return None
+    first = len(view.accepted)
+    low_passes = (c for c in candidates if isinstance(c.effect, BandLimit))
+    trial = view.accept(max((*low_passes, band), key=_excess).finished())
+    most = path.evaluations + _EVALUATIONS
+    while len(trial.accepted) - first < _MOST and path.evaluations < most and not path.is_spent:
+        kinds = [kind for kind in (Narrowband, BandLimit) if kind.has_place(trial)]
+        beside = max(proposals(trial, kinds, path), key=_excess, default=None)
+        if beside is None or not penalty_passed(trial, beside, path.spent):
+            return None
+        trial = _settled(trial.accept(beside.finished()), path)
+        if judged := _all_judged(trial, trial.accepted[first:]):
+            path.accept("add bands", *judged)
+            return trial.relisted((*trial.accepted[:first], *judged))
+    return None
+
+
+def _excess(candidate: Candidate) -> float:
+    return candidate.excess
+
+
+def _settled(view: View, path: SearchPath) -> View:
+    """Return the view with every effect where it is likeliest beside the others."""
+    first = view.spectrum.loglik
+    for _ in range(_ROUNDS):
+        before = view.spectrum.loglik
+        view = estimate_again(view, path)
+        gained = view.spectrum.loglik - before
+        if gained < max(_CLOSE, _MOST_OF_IT * (view.spectrum.loglik - first)):
+            break
+    return view
+
+
+def _all_judged(view: View, members: tuple[Candidate, ...]) -> list[Candidate]:
+    """Return the members as they pass the gates beside each other; none where one does not."""
+    judged: list[Candidate] = []
+    for member in members:
+        passed = _judged(view.without(member), member)
+        if passed is None:
+            return []
+        judged.append(passed)
+    return judged
+
+
+def _judged(view: View, candidate: Candidate) -> Candidate | None:
+    """Return what passes the gates under the name that it has."""
+    accepted, _ = judge(view, candidate)
+    return accepted if accepted is not None and accepted.kind == candidate.kind else None

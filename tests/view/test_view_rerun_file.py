@@ -13,6 +13,7 @@ from allanscope.quantities import COEFFICIENTS, TWO_SIDED_95
 from allanscope.samples import Gap, Notice
 from allanscope.view import RerunView
 from allanscope.view.chart_builder import SharedScales
+from allanscope.view.rerun_recording import Canvas
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, LEVELS, blocks, perform
@@ -246,6 +247,22 @@ def test_the_file_opens_at_once_because_it_was_rewritten_in_few_chunks(tmp_path)
     path = tmp_path / "session.rrd"
     assert RrdReader(str(path)).store().schema() is not None, "it has an index"
     assert [file.name for file in tmp_path.iterdir()] == ["session.rrd"]
+
+
+def test_a_file_is_not_ended_because_the_process_was_stopped_while_it_was_written():
+    class Slept:
+        """A recording of which the first flush times out."""
+
+        flushes = 0
+
+        def flush(self, timeout_sec):
+            self.flushes += 1
+            if self.flushes == 1:
+                raise RuntimeError("Flush timed out")
+
+    recording = Slept()
+    Canvas(recording, {}).flush()
+    assert recording.flushes == 2
 
 
 def test_a_file_that_was_never_finished_can_be_read(tmp_path):

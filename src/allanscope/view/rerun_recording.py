@@ -142,8 +142,14 @@ class Canvas:
         self.series.health(numbers)
 
     def flush(self) -> None:
-        """Hand everything to the server and the file."""
-        self._recording.flush(timeout_sec=_FLUSH_S)
+        """Hand everything to the server and the file; once more where it takes too long.
+
+        A process that was stopped meanwhile, or a machine that slept, has failed to do nothing.
+        """
+        try:
+            self._recording.flush(timeout_sec=_FLUSH_S)
+        except Exception:
+            self._recording.flush(timeout_sec=_FLUSH_S)
 
     def close(self) -> None:
         """Hand everything over and end."""

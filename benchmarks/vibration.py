@@ -37,10 +37,8 @@ def resonance(rng: np.random.Generator, frequency: float, width: float) -> Array
     kick = np.linalg.cholesky(stationary - step @ stationary @ step.T)
     poles, modes = np.linalg.eig(step)
     each: NDArray[Any] = np.linalg.solve(modes, kick @ rng.normal(size=(2, SAMPLES)) + 0j)
-    return sum(
-        mode * lfilter([1], [1, -pole], x)
-        for mode, pole, x in zip(modes[0], poles, each, strict=True)
-    ).real  # type: ignore[union-attr]
+    parts = [lfilter([1], [1, -pole], x) for pole, x in zip(poles, each, strict=True)]
+    return np.asarray(np.sum(modes[0][:, np.newaxis] * parts, axis=0).real)
 
 
 def found_in(

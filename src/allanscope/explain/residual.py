@@ -39,7 +39,7 @@ from allanscope.allan import Deviation
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, Shares
 from allanscope.explain.series import block_means, deviation_of
-from allanscope.explain.stationarity import reach_of
+from allanscope.explain.stationarity import reach_in
 from allanscope.explain.view import View
 from allanscope.noise import NoiseFit, NoiseModel, gls_chi2
 from allanscope.noise.components import LineProfile, Ramp
@@ -178,7 +178,7 @@ def removes(view: View, candidate: Candidate) -> bool:
     bands = band_scores(view)
     later = band_scores(after)
     change = bands.means(np.abs(np.log(after.spectrum.ordinates / view.spectrum.ordinates)))
-    low, high = reach_of(view, candidate)
+    low, high = reach_in(after, candidate)
     change[(bands.high < low) | (bands.low > high)] = 0.0  # there the others have made room
     weight = change * np.sqrt(bands.count)
     own = weight > 0.5 * weight.max()

@@ -34,6 +34,7 @@ __all__ = [
     "constancy",
     "demodulate",
     "envelope_z",
+    "reach_in",
     "reach_of",
     "sweeps",
 ]
@@ -84,17 +85,18 @@ def reach_of(view: View, candidate: Candidate, least: float = _COUNTS) -> tuple[
 
     A filter counts everywhere but where the level drifts.
     """
-    return _reach(view.with_parts(*candidate.parts), candidate, least)
+    return reach_in(view.with_parts(*candidate.parts), candidate, least)
 
 
 def bartlett_z_of(view: View, candidate: Candidate) -> float:
     """Return by how many sigma a process comes and goes more than a stationary one does."""
     after = view.with_parts(*candidate.parts)  # the noise is fitted once
-    low, high = _reach(after, candidate, _COUNTS)
+    low, high = reach_in(after, candidate)
     return max(_unsteadiness(view, after, candidate, low, high, parts) for parts in _LADDER)
 
 
-def _reach(after: View, candidate: Candidate, least: float) -> tuple[float, float]:
+def reach_in(after: View, candidate: Candidate, least: float = _COUNTS) -> tuple[float, float]:
+    """Return the same by the view that has the process already: its noise is fitted once."""
     f = after.grid.centre
     if not _adding(candidate):
         return _DRIFT * after.grid.rate_hz / 2, after.grid.rate_hz / 2

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,6 +31,7 @@ from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.view import View
+from allanscope.lazy import once
 from allanscope.median import medians
 from allanscope.optimise import minimise_between
 from allanscope.quantities import TWO_SIDED_95
@@ -227,17 +227,17 @@ class _Powers:
     power: Array
     q: Array
 
-    @cached_property
+    @once
     def share(self) -> float:
         """The likeliest."""
         return self.fit()
 
-    @cached_property
+    @once
     def gain(self) -> float:
         """What it gains, nats."""
         return float(self.gains(self.share).sum())
 
-    @cached_property
+    @once
     def freedom(self) -> float:
         """Degrees of freedom of a mean square: its samples, or less by tails.
 
@@ -302,16 +302,19 @@ def _powers(view: View, axis: str | None = None) -> Iterator[_Powers]:
     kept = _untouched(view, size)
     if axis is None and np.count_nonzero(kept) < _FEWEST:
         return
-    own = _spread(_squares(view.samples, size, level=False)[kept])
-    least = max(_SOURCE * own, _MOVES * 2 / size)
-    others = [other for other in view.series.axes if other != view.axis]
-    for other in others if axis is None else [axis]:
+    if axis is not None:
+        others, least = [axis], -np.inf
+    else:
+        others = [other for other in view.series.axes if other != view.axis]
+        own = _spread(_squares(view.samples, size, level=False)[kept])
+        least = max(_SOURCE * own, _MOVES * 2 / size)
+    for other in others:
         for x in (one.rows for one in view.sources(other)):
             white = view.innovations if axis is None else _apart(view.innovations, x)
             squares = _blocks(white, size)[kept] ** 2
             for level in (False, True):
                 q = _squares(x, size, level)[kept]
-                if (axis is None and _spread(q) <= least) or not q.any():
+                if _spread(q) <= least or not q.any():
                     continue
                 for at_once in (False,) if axis is None else (False, True):
                     each = q if at_once else q.mean(axis=1, keepdims=True)

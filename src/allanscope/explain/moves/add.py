@@ -25,9 +25,17 @@ from allanscope.explain.moves.refit import refit
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
-__all__ = ["GOOD_PART", "add", "add_beside", "add_bundle", "add_pair", "proposals", "with_rivals"]
+__all__ = [
+    "add",
+    "add_beside",
+    "add_bundle",
+    "add_pair",
+    "lines_that_hold",
+    "proposals",
+    "with_rivals",
+]
 
-GOOD_PART = 0.3
+_GOOD_PART = 0.3
 """Share of a band's gain that a line may have which is all there is to the band."""
 
 
@@ -79,13 +87,17 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     """
     ranked = sorted(candidates, key=lambda c: -c.excess)
     for band in tuple(ranked):
-        lines = [
-            c for c in ranked if band.effect.holds(c.effect) and c.excess > GOOD_PART * band.excess
-        ]
+        lines = lines_that_hold(band, ranked)
         if lines and band.excess > 0:
             ranked.remove(lines[0])
             ranked.insert(ranked.index(band), lines[0])
     return ranked
+
+
+def lines_that_hold(band: Candidate, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return the constant lines that hold a good part of the power of a band, in their order."""
+    least = _GOOD_PART * band.excess
+    return [c for c in candidates if band.effect.holds(c.effect) and c.excess > least]
 
 
 def with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> View:

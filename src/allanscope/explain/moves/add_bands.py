@@ -12,7 +12,7 @@ from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.gates import judge, penalty_passed
 from allanscope.explain.moves import SearchPath
-from allanscope.explain.moves.add import GOOD_PART, proposals
+from allanscope.explain.moves.add import lines_that_hold, proposals
 from allanscope.explain.moves.refit import estimate_again
 from allanscope.explain.view import View
 
@@ -31,9 +31,7 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
     band = max(bands, key=_excess, default=None)
     if band is None or not penalty_passed(view, band, path.spent):
         return None
-    if any(band.effect.holds(c.effect) and c.excess > GOOD_PART * band.excess for c in candidates):
-        return None  # a line first
-    if _judged(view, band.finished()):
+    if lines_that_hold(band, candidates) or _judged(view, band.finished()):
         return None
     first = len(view.accepted)
     low_passes = (c for c in candidates if isinstance(c.effect, BandLimit))

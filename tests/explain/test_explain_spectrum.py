@@ -7,8 +7,8 @@ import pytest
 
 from allanscope.explain.spectrum import SpectrumFitter
 from allanscope.noise import NoiseModel
-from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
-from allanscope.noise.filters import Butterworth, OnePole
+from allanscope.noise.components import Flicker, Narrowband, RandomWalk, Rounding, White
+from allanscope.noise.filters import Butterworth, MovingAverage, OnePole
 from allanscope.noise.grid import grid_of
 
 
@@ -53,3 +53,15 @@ def test_the_first_ordinates_of_a_spectrum_are_those_of_all():
         np.testing.assert_array_equal(spectrum.first(m), every[:m])
     smooth = slice(100, None)  # below, the ends of the record count
     np.testing.assert_allclose(every[smooth], spectrum.at(grid.frequency[smooth]), rtol=5e-3)
+
+
+@pytest.mark.parametrize("low_pass", [Butterworth(20.0, 2.0), MovingAverage.over(4, 1 / 104)])
+def test_a_band_passes_the_filters_in_every_reading_of_a_spectrum(low_pass):
+    grid, band = grid_of(20_000, 104.0), Narrowband(1.0, 24.0, 3.0)
+    fitter = SpectrumFitter.of(grid, NoiseModel((White(1e-3), band), grid.dt, (low_pass,)))
+    spectrum = fitter.spectrum(np.ones(len(fitter.dof)), np.array([1e-6, 1.0]))
+    passed = low_pass.response(grid.frequency, grid.dt)
+    lit = np.flatnonzero(passed > 1e-2)[100:]  # below, the ends of the record count
+    through = grid.at(band, grid.frequency[lit]) * passed[lit]
+    np.testing.assert_allclose(spectrum.ordinates[lit], through, rtol=5e-3)
+    np.testing.assert_allclose(spectrum.at(grid.frequency[lit]), through, rtol=5e-3)

@@ -132,21 +132,21 @@ class Spectrum:
 
         The first ones are exact, smooth ones further up interpolated, but for filters with ripples.
         """
-        grid = self.grid
-        unit = grid.rate_hz / (2 * grid.n)
-        smooth = [c for c in self.model if not c.is_narrow]
-        nodes = grid.nodes * unit
-        if any(one.has_ripples for one in self.model.filters):
-            passed, every = self.model.passing(grid.frequency), grid.frequency
+        grid, model, every = self.grid, self.model, self.grid.frequency
+        nodes = grid.nodes * (grid.rate_hz / (2 * grid.n))
+        smooth = [c for c in model if not c.is_narrow]
+        narrow = [c for c in model if c.is_narrow]
+        if any(one.has_ripples for one in model.filters):
+            passed = model.passing(every)
             total = self._sum(smooth, lambda c: grid.interpolate(grid.at(c, nodes)), every, passed)
         else:
-            passed = self.model.passing_with(grid.node_response)
+            passed = model.passing_with(grid.node_response)
             total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes, passed))
-        passed, first = self.model.passing_with(grid.first_response), grid.frequency[: grid.low]
-        total[: grid.low] = self._sum(smooth, lambda c: grid.first(c, grid.low), first, passed)
-        for component in self.model:
-            if component.is_narrow:
-                total += grid.everywhere(component)
+            passed = model.passing_with(lambda one: grid.interpolate(grid.node_response(one)))
+        at_first, first = model.passing_with(grid.first_response), every[: grid.low]
+        total[: grid.low] = self._sum(smooth, lambda c: grid.first(c, grid.low), first, at_first)
+        if narrow:
+            total += self._sum(narrow, grid.everywhere, every, passed)
         return total
 
     @once

@@ -79,8 +79,8 @@ _ONE_SHAPE = 0.01
 _NOTHING = 1e-12
 """Share of the largest power that is none."""
 _FORBIDDEN, _LOUDEST = 1e15, 100.0
-"""Loss beyond the ends of the window, and logarithm of the background over that of the model beyond
-which there is no likelihood either."""
+"""Loss beyond the ends of the window, and logarithm of the background over that of the model, of a
+variance or a width beyond which there is no likelihood either."""
 _SHAPELY, _BROAD = 100.0, 500.0
 """Nats and independent powers from which the form of a band can be told, and that it holds noise:
 any tone that moves has a flat top too."""
@@ -342,6 +342,8 @@ class _Window:
             return _FORBIDDEN
         variance = self.background * np.exp(p[0])
         for last, (log_variance, f0, log_width) in enumerate(bands, 1 - len(bands)):
+            if max(log_variance, log_width) > _LOUDEST:
+                return _FORBIDDEN
             width, size = float(np.exp(log_width)), float(np.exp(log_variance))
             inside = self.frequency[0] < f0 < self.frequency[-1]
             if not inside or not _FINEST_HZ < width < 1.5 * f0:
@@ -375,9 +377,12 @@ def _window(view: View, beside: Beside, f0: float, width: float, shape: Shape) -
     size = max(1, (high - low) // _SUB_BINS)
     stop = low + (high - low) // size * size
     f = grid.frequency[low:stop].reshape(-1, size).mean(axis=1)
-    power = view.squares[low:stop].reshape(-1, size).mean(axis=1)
+    # The band passes the filters: what is measured is divided by how they change its form.
+    passed = view.model.passing(np.append(f, f0))(shape(f0, width), np.ones(len(f) + 1))
+    form = passed[:-1] / passed[-1]
+    power = view.squares[low:stop].reshape(-1, size).mean(axis=1) / form
     # Far below a loud band a model without it may come to nothing.
-    background = np.maximum(beside(f), _NOTHING * power.max())
+    background = np.maximum(beside(f) / form, _NOTHING * power.max())
     return _Window(f, power, background, size, grid, shape)
 
 

@@ -19,12 +19,12 @@ _WIDEST = 1.98
 
 @dataclass(frozen=True)
 class _InBand(Component):
-    """Noise that has a size, a frequency and a bandwidth.
+    """Noise that has a size, a frequency and a bandwidth, and passes the filters of the sensor.
 
     Parameters
     ----------
     sigma : float
-        Standard deviation in the unit of the axis.
+        Standard deviation before them, in the unit of the axis.
     frequency, bandwidth : float
         Centre and half-power bandwidth in Hz.
     """
@@ -32,6 +32,7 @@ class _InBand(Component):
     sigma: float
     frequency: float
     bandwidth: float
+    is_filtered: ClassVar[bool] = True
     symbol: ClassVar[str] = "narrowband"
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("sigma", "{unit}"),

@@ -33,32 +33,35 @@ BEHIND = 0.03
 """Noise behind the low-pass, over that before it."""
 
 
-def resonance(rng: np.random.Generator, frequency: float, width: float) -> Array:
+def resonance(rng: np.random.Generator, frequency: float, width: float, samples: int) -> Array:
     """Return an oscillator that noise shakes, of unit variance, exact at the samples."""
     turn = 2 * np.pi * frequency
     step = expm(np.array([[0.0, 1.0], [-(turn**2), -2 * np.pi * width]]) / RATE)
     stationary = np.diag([1.0, turn**2])
     kick = np.linalg.cholesky(stationary - step @ stationary @ step.T)
     poles, modes = np.linalg.eig(step)
-    each: NDArray[Any] = np.linalg.solve(modes, kick @ rng.normal(size=(2, SAMPLES)) + 0j)
+    each: NDArray[Any] = np.linalg.solve(modes, kick @ rng.normal(size=(2, samples)) + 0j)
     parts = [lfilter([1], [1, -pole], x) for pole, x in zip(poles, each, strict=True)]
     return np.asarray(np.sum(modes[0][:, np.newaxis] * parts, axis=0).real)
 
 
 def found_in(
-    rng: np.random.Generator, bands: list[tuple[float, float, float]], cutoff: float | None
+    rng: np.random.Generator,
+    bands: list[tuple[float, float, float]],
+    cutoff: float | None,
+    samples: int = SAMPLES,
 ) -> Explanation:
     """Return what is found beside bands of (Hz, width in Hz, rms over that of the white noise)."""
-    x = rng.normal(0, SIGMA, SAMPLES) + np.cumsum(rng.normal(0, K / RATE**0.5, SAMPLES))
+    x = rng.normal(0, SIGMA, samples) + np.cumsum(rng.normal(0, K / RATE**0.5, samples))
     for frequency, width, times in bands:
-        x += times * SIGMA * resonance(rng, frequency, width)
+        x += times * SIGMA * resonance(rng, frequency, width, samples)
     if cutoff is not None:
-        x = lfilter(*butter(2, 2 * cutoff / RATE), x) + rng.normal(0, BEHIND * SIGMA, SAMPLES)
+        x = lfilter(*butter(2, 2 * cutoff / RATE), x) + rng.normal(0, BEHIND * SIGMA, samples)
     values = np.round(x / LSB)[:, np.newaxis] * LSB
     record = Record(
         rate_hz=RATE, stride=1, axes=("gx",), values=values, lsb=(LSB,),
-        temperature_c=np.full(SAMPLES, np.nan), start_s=np.arange(SAMPLES) / RATE,
-        segments=np.array([[0, SAMPLES]]),
+        temperature_c=np.full(samples, np.nan), start_s=np.arange(samples) / RATE,
+        segments=np.array([[0, samples]]),
     )  # fmt: skip
     return explain(record)
 

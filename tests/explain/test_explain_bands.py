@@ -13,7 +13,7 @@ from allanscope.analysis.coefficients import total_white
 BENCHMARKS = str(Path(__file__).parents[2] / "benchmarks")
 sys.path.insert(0, BENCHMARKS)
 try:
-    from vibration import N, found_in, white
+    from vibration import SIGMA, N, found_in, white
 finally:
     sys.path.remove(BENCHMARKS)
 
@@ -50,3 +50,17 @@ def test_resonances_side_by_side_are_told_from_the_low_pass_behind_them(bands, c
     (low_pass,) = (e for e in found.effects if e.kind == "band_limit")
     assert low_pass.parameters["cutoff"].value == pytest.approx(cutoff, rel=0.05)
     assert told.value == pytest.approx(white(bands), rel=0.03)
+
+
+def test_five_resonances_of_a_long_record_are_five_and_nothing_else():
+    """Estimated in turn the first kept what is of two, and others described what that left."""
+    bands = [(12.7, 0.35, 1.7), (15.2, 0.4, 2), (16.7, 1.6, 1.9), (20.4, 1, 0.9), (24.3, 0.35, 0.7)]
+    whole = found_in(np.random.default_rng(3), bands, None, 300_000)
+    found, told = whole.axes["gx"], total_white(whole.fits["gx"])
+    assert {effect.kind for effect in found.effects} == {"narrowband"}
+    order = sorted(found.effects, key=lambda e: e.parameters["frequency"].value)
+    for effect, (frequency, width, times) in zip(order, bands, strict=True):
+        assert effect.parameters["frequency"].value == pytest.approx(frequency, abs=0.1)
+        assert effect.parameters["bandwidth"].value == pytest.approx(width, rel=0.15)
+        assert effect.parameters["sigma"].value == pytest.approx(times * SIGMA, rel=0.1)
+    assert told.value == pytest.approx(white(bands), rel=0.02)

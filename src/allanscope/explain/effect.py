@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from allanscope.noise import Coefficient
@@ -72,6 +72,11 @@ class Estimate(Parameter):
     def exact(cls, value: float, unit: str = "") -> Self:
         """Return a number that is known without error."""
         return cls(value, value, value, unit)
+
+    def scaled(self, factor: float) -> Self:
+        """Return it times a factor, as well known as it is."""
+        lower, upper = (None if end is None else end * factor for end in (self.lower, self.upper))
+        return replace(self, value=self.value * factor, lower=lower, upper=upper)
 
     @property
     def text(self) -> str:

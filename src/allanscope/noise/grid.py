@@ -9,7 +9,7 @@ into a bin depends on the grid alone, so it is computed once for all axes of a r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -41,6 +41,8 @@ _SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
 _GAUSS_NODES = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
 _GAUSS_WEIGHTS = np.array([5, 8, 5]) / 18
 """Three nodes of Gauss and Legendre on [-1, 1], with weights whose sum is 1."""
+_ACROSS = np.concatenate([sign * np.geomspace(0.1, 10.0, 24) for sign in (-1, 1)])
+"""Edges of bins across a band, in widths from its centre."""
 _RESOLVED = 16.0
 """Least width of a band in ordinates: those within twice that are taken one by one."""
 _FARTHEST = 1e8
@@ -63,11 +65,14 @@ class Grid:
         Rows per second.
     stride : int
         Samples averaged into a row.
+    bands : tuple of (centre, width)
+        In Hz; within them and around them bins are narrower than they are.
     """
 
     n: int
     rate_hz: float
     stride: int = 1
+    bands: Ranges = ()
 
     @property
     def dt(self) -> float:
@@ -97,7 +102,16 @@ class Grid:
         wide = np.geomspace(_SINGLE, max(self.n - 1, _SINGLE), 2 + int(octaves * _BINS_PER_OCTAVE))
         single = np.arange(min(_SINGLE, self.n - 1))
         edges = np.concatenate([single, np.round(wide[:-1]) - 1, [min(self.low, self.n - 2)]])
+        for centre, width in self.bands:
+            k = (centre + width * _ACROSS) * (2 * self.n / self.rate_hz)
+            edges = np.append(edges, np.round(k[k >= 1]) - 1)
         return np.unique(edges[edges < self.n - 1]).astype(np.int64)
+
+    def finer(self, bands: Ranges) -> Grid:
+        """Return the grid with more bins in some bands; what is as long as a record is shared."""
+        finer = replace(self, bands=bands)
+        vars(finer)["frequency"] = self.frequency
+        return finer
 
     @once
     def count(self) -> Array:

@@ -84,7 +84,7 @@ variance or a width beyond which there is no likelihood either."""
 _SHAPELY, _BROAD = 100.0, 500.0
 """Nats and independent powers from which the form of a band can be told, and that it holds noise:
 any tone that moves has a flat top too."""
-_BROADEST = 0.7
+BROADEST = 0.7
 """Beyond, as a share of the frequency, no one would call the band narrow."""
 _FEWEST_COHERENCES = 12.0
 """Fewer coherence times in a record cannot show that a band holds noise."""
@@ -124,6 +124,10 @@ def _passed(f0: float, width: float) -> Component:
 
 def _passed_steeply(f0: float, width: float) -> Component:
     return BandPassed(1.0, f0, width, order=4)
+
+
+FORMS = (_resonance, _wandering, _peaked, _passed, _passed_steeply)
+"""What a band may be, by its centre and width."""
 
 
 @dataclass(frozen=True)
@@ -459,7 +463,7 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | _Fa
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < _NARROWEST * unit:
             return _FaintLine() if window.flat() - found.value < price else None
-        if w > _BROADEST * f0:
+        if w > BROADEST * f0:
             return None
         band = shape(f0, w)
         whole = view.spectrum_with(band)

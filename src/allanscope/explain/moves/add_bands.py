@@ -14,6 +14,7 @@ from allanscope.explain.gates import judge, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import lines_that_hold, proposals
 from allanscope.explain.moves.refit import estimate_again
+from allanscope.explain.moves.settle import settle
 from allanscope.explain.view import View
 
 __all__ = ["add_bands"]
@@ -37,6 +38,11 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
     low_passes = (c for c in candidates if isinstance(c.effect, BandLimit))
     trial = view.accept(max((*low_passes, band), key=_excess).finished())
     most = path.evaluations + _EVALUATIONS
+    if settle(trial).spectrum.loglik > trial.spectrum.loglik + _CLOSE:  # others make room for it
+        trial = _settled(trial, path)
+        if judged := _all_judged(trial, trial.accepted[first:]):
+            path.accept("add bands", *judged)
+            return trial.relisted((*trial.accepted[:first], *judged))
     while len(trial.accepted) - first < _MOST and path.evaluations < most and not path.is_spent:
         kinds = [kind for kind in (Narrowband, BandLimit) if kind.has_place(trial)]
         beside = max(proposals(trial, kinds, path), key=_excess, default=None)
@@ -58,7 +64,7 @@ def _settled(view: View, path: SearchPath) -> View:
     first = view.spectrum.loglik
     for _ in range(_ROUNDS):
         before = view.spectrum.loglik
-        view = estimate_again(view, path)
+        view = estimate_again(settle(view), path)
         gained = view.spectrum.loglik - before
         if gained < max(_CLOSE, _MOST_OF_IT * (view.spectrum.loglik - first)):
             break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from allanscope.explain.effect import ResidualError, SearchStep
 from allanscope.explain.gates import growth, is_measured
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.refit import estimate_again
+from allanscope.explain.moves.settle import settle
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
@@ -74,10 +76,12 @@ def drop_taken_over(view: View, path: SearchPath) -> View:
 
 def _taken_over(view: View, candidate: Candidate, path: SearchPath) -> View:
     bare = view.without(candidate)
-    for _ in range(_ROUNDS):
-        before = bare.spectrum.loglik
-        bare = estimate_again(bare, path)
-        gained = bare.spectrum.loglik - before
+    moves: list[Callable[[View], View]] = [settle, *[partial(estimate_again, path=path)] * _ROUNDS]
+    for move in moves:
+        before, bare = bare, move(bare)
+        if bare is before:  # one alone settles by itself
+            continue
+        gained = bare.spectrum.loglik - before.spectrum.loglik
         if _missing(view, bare, candidate) > _FAR * max(gained, 1.0):
             break
     return bare

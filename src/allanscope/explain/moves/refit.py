@@ -7,8 +7,8 @@ from dataclasses import replace
 from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.gates import is_measured
 from allanscope.explain.moves import SearchPath
+from allanscope.explain.moves.settle import settle, was_measured
 from allanscope.explain.view import View
-from allanscope.noise.components import MovingLine
 
 __all__ = ["estimate_again", "refit"]
 
@@ -17,13 +17,13 @@ def refit(view: View, path: SearchPath) -> View:
     """Return the view with every effect estimated again, where there are others beside it."""
     if len([c for c in view.accepted if c.effect.stage == 2 or c.effect.is_unnamed_drift]) < 2:
         return view
-    return estimate_again(view, path)
+    return estimate_again(settle(view), path)
 
 
 def estimate_again(view: View, path: SearchPath) -> View:
     """Return the view with every effect of the spectrum and the level estimated again, in turn."""
     for candidate in view.accepted:
-        if candidate.effect.stage != 2 or _was_measured(candidate):
+        if candidate.effect.stage != 2 or was_measured(candidate):
             continue
         path.evaluations += 1
         bare = view.without(candidate)
@@ -44,9 +44,3 @@ def _is_less_likely(bare: View, again: Candidate, former: Candidate) -> bool:
     if again is former or former.signal is not None:
         return False
     return bare.loglik_with(*again.parts) < bare.loglik_with(*former.parts) - SIMILAR
-
-
-def _was_measured(candidate: Candidate) -> bool:
-    """Return whether its form was read off the record: none that could be fitted would do."""
-    moves = any(isinstance(part, MovingLine) for part in candidate.parts)
-    return moves or candidate.profile is not None

@@ -117,8 +117,8 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     left, count = misfit(after, centre, _BESIDE * (centre - profile.low))
     if left > _MISSHAPEN * np.sqrt(count / 2):
         return replace(measured, effect=effect)
-    power = np.array([after.spectrum.model.components[-1].power])  # before the filters
-    size = float(np.sqrt(after.model.passing(np.array([centre]))(part, power)[0]))
+    model = after.spectrum.model
+    size = model.amplitude_behind(model.components[-1], centre)
     effect = replace(effect, sigma=Estimate.of_log(size, error, view.unit))
     return replace(found, effect=effect, parts=(part,), excluded=())
 

@@ -104,6 +104,11 @@ class NoiseModel:
 
         return passed
 
+    def amplitude_behind(self, component: Component, frequency: float) -> float:
+        """Return a component's amplitude behind the filters, by their response at a frequency."""
+        power = np.array([component.power])
+        return float(np.sqrt(self.passing(np.array([frequency]))(component, power)[0]))
+
     def variance(self, kind: str, m: ArrayLike) -> Array:
         """Return what an estimator expects at averaging factors `m`.
 

@@ -40,18 +40,16 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
     most = path.evaluations + _EVALUATIONS
     if settle(trial).spectrum.loglik > trial.spectrum.loglik + _CLOSE:  # others make room for it
         trial = _settled(trial, path)
-        if judged := _all_judged(trial, trial.accepted[first:]):
-            path.accept("add bands", *judged)
-            return trial.relisted((*trial.accepted[:first], *judged))
+        if accepted := _accepted(trial, first, path):
+            return accepted
     while len(trial.accepted) - first < _MOST and path.evaluations < most and not path.is_spent:
         kinds = [kind for kind in (Narrowband, BandLimit) if kind.has_place(trial)]
         beside = max(proposals(trial, kinds, path), key=_excess, default=None)
         if beside is None or not penalty_passed(trial, beside, path.spent):
             return None
         trial = _settled(trial.accept(beside.finished()), path)
-        if judged := _all_judged(trial, trial.accepted[first:]):
-            path.accept("add bands", *judged)
-            return trial.relisted((*trial.accepted[:first], *judged))
+        if accepted := _accepted(trial, first, path):
+            return accepted
     return None
 
 
@@ -71,15 +69,19 @@ def _settled(view: View, path: SearchPath) -> View:
     return view
 
 
-def _all_judged(view: View, members: tuple[Candidate, ...]) -> list[Candidate]:
-    """Return the members as they pass the gates beside each other; none where one does not."""
+def _accepted(trial: View, first: int, path: SearchPath) -> View | None:
+    """Return the view with all effects from the first on as they pass the gates beside each other.
+
+    None where one does not.
+    """
     judged: list[Candidate] = []
-    for member in members:
-        passed = _judged(view.without(member), member)
+    for member in trial.accepted[first:]:
+        passed = _judged(trial.without(member), member)
         if passed is None:
-            return []
+            return None
         judged.append(passed)
-    return judged
+    path.accept("add bands", *judged)
+    return trial.relisted((*trial.accepted[:first], *judged))
 
 
 def _judged(view: View, candidate: Candidate) -> Candidate | None:

@@ -156,10 +156,8 @@ def _sizes(candidate: Candidate, fit: Fit, places: Places) -> dict[str, Estimate
     component = fit.model.components[places[id(candidate.parts[0])]]
     if component.power == 0.0:  # the others have taken it over: it will be dropped
         return {}
-    centre, power = np.array([candidate.effect.frequency.value]), np.array([component.power])
-    rms = float(np.sqrt(fit.model.passing(centre)(component, power)[0]))
-    sigma = candidate.effect.sigma
-    return {"sigma": sigma.scaled(rms / sigma.value)}
+    sigma, centre = candidate.effect.sigma, candidate.effect.frequency.value
+    return {"sigma": sigma.scaled(fit.model.amplitude_behind(component, centre) / sigma.value)}
 
 
 def _moved(view: View, movable: Sequence[Candidate], fit: Fit, places: Places) -> View:

@@ -269,23 +269,33 @@ class Fit:
         columns = []
         for one in free:
             if one in self.model.shapes:
-                columns.append(self._by_shape(one))
+                columns.append(self.by_shape(one))
             else:
                 component = self.model.components[one.part]
                 columns.append(2 * self.likelihood.column(self.model, component))
         return np.array(columns).T.reshape(len(self.expected), -1)
 
-    def _by_shape(self, free: Free) -> Array:
+    def by_shape(self, free: Free, step: float = _DIFFERENCE) -> Array:
+        """Return the derivative of the expected powers by the logarithm of a shape.
+
+        Parameters
+        ----------
+        free : Free
+            The shape; zeros where it is 0.
+        step : float
+            Of the logarithm, to either side and within the bounds.
+        """
         quantity, value = self.model.quantity(free), self.model.number(free)
         if value == 0:
             return np.zeros(len(self.expected))
         ends = [
-            float(np.clip(value * np.exp(h), quantity.lower, quantity.upper))
-            for h in (_DIFFERENCE, -_DIFFERENCE)
+            float(np.clip(value * np.exp(h), quantity.lower, quantity.upper)) for h in (step, -step)
         ]
-        up, down = (
-            self.likelihood.expected(self.model.with_numbers([free], [end])) for end in ends
-        )
+        likelihood, others = self.likelihood, [self.model.with_numbers([free], [e]) for e in ends]
+        if free.part < len(self.model.components):  # all else stays as it is
+            up, down = (likelihood.column(one, one.components[free.part]) for one in others)
+        else:
+            up, down = map(likelihood.expected, others)
         return np.asarray((up - down) / np.log(ends[0] / ends[1]))
 
     @once

@@ -50,7 +50,7 @@ def climb(fit: Fit, shapes: Sequence[Free], within: float) -> Fit:
     for _ in range(_TURNS):
         former, model = fit, fit.model
         unit = np.array([_unit(model, one) for one in shapes])
-        columns = [_slope(fit, one, _DIFFERENCE * u) for one, u in zip(shapes, unit, strict=True)]
+        columns = [fit.by_shape(one, _DIFFERENCE * u) for one, u in zip(shapes, unit, strict=True)]
         columns += [likelihood.column(model, c) for c in model if c.has_amplitude and c.power > 0]
         jacobian = np.array(columns) / fit.expected
         weight = likelihood.dof / 2
@@ -88,15 +88,3 @@ def _unit(model: NoiseModel, free: Free) -> float:
     if band is None or model.quantity(free).name != "frequency":
         return 1.0
     return min(band[1] / band[0], 1.0)
-
-
-def _slope(fit: Fit, free: Free, step: float) -> Array:
-    """Return the derivative of the expected powers by the logarithm of a shape."""
-    value = fit.model.number(free)
-    ends = _bounded(fit.model, [free, free], np.log(value) + np.array([-step, step]))
-    likelihood, others = fit.likelihood, [fit.model.with_numbers([free], [end]) for end in ends]
-    if free.part < len(fit.model.components):  # all else stays as it is
-        down, up = (likelihood.column(one, one.components[free.part]) for one in others)
-    else:
-        down, up = map(likelihood.expected, others)
-    return np.asarray((up - down) / np.log(ends[1] / ends[0]))

@@ -47,13 +47,15 @@ SEARCH = "allanscope.analysis.summary allanscope.explain.loop"
 
 REUSED_BYTES, KEPT_BYTES = 1 << 26, 1 << 27
 """The largest block that is kept for the next one of its size, and what is kept of free ones."""
-_MEMORY = {
+_ENVIRONMENT = {
     "MALLOC_ARENA_MAX": "1",
     "MALLOC_MMAP_THRESHOLD_": str(REUSED_BYTES),
     "MALLOC_TRIM_THRESHOLD_": str(KEPT_BYTES),
+    "OPENBLAS_NUM_THREADS": "1",
 }
 """It computes with arrays as long as a record, one after the other, and ends: the usual C library
-of Linux is told to keep what was freed for the next one."""
+of Linux is told to keep what was freed for the next one. There is a process for every core: threads
+of BLAS would take them from each other."""
 
 _LAST_WORDS_S = 1.0
 """In which a process that breaks off has ended, and said why."""
@@ -94,7 +96,7 @@ class WorkerProcess:
             # A session of its own: Ctrl-C in the terminal is for us to understand.
             self._process = subprocess.Popen(
                 command,
-                env={**_MEMORY, **os.environ, **modules},
+                env={**_ENVIRONMENT, **os.environ, **modules},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._stderr,

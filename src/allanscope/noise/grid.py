@@ -45,8 +45,8 @@ _ACROSS = np.concatenate([sign * np.geomspace(0.1, 10.0, 24) for sign in (-1, 1)
 """Edges of bins across a band, in widths from its centre."""
 _RESOLVED = 16.0
 """Least width of a band in ordinates: those within twice that are taken one by one."""
-_FARTHEST = 1e8
-"""Distance from a band, in bandwidths, up to which it is cut finer than the bins are."""
+_AWAY = np.concatenate([np.linspace(0.0, 2.0, 33), np.geomspace(2.0, 1e8, 96)[1:]])
+"""Distances from a band, in bandwidths, at which it is cut finer than the bins are."""
 _TOP_NODES = 4096
 """Nodes from half of the Nyquist frequency on, where filters bend the density."""
 _FINEST_NODES = 64
@@ -244,12 +244,12 @@ def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) 
     """
     spacing = grid.rate_hz / (2 * grid.n)
     alias = abs(frequency - grid.rate_hz * round(frequency / grid.rate_hz)) / spacing
-    away = np.concatenate([np.linspace(0.0, 2.0, 33), np.geomspace(2.0, _FARTHEST, 96)[1:]])
-    away *= max(width / spacing, _RESOLVED)
+    away = _AWAY * max(width / spacing, _RESOLVED)
     ends = np.array(unit.corners(grid.dt)) / spacing - 0.5
     around = np.concatenate([alias - away, alias + away, np.round(ends)])
     around = around[(around > 0) & (around < grid.n - 1)].astype(np.int64)
-    edges = np.unique(np.concatenate([grid.edges, around]))
+    edges = np.sort(np.concatenate([grid.edges, around]))
+    edges = edges[np.diff(edges, prepend=-1) > 0]
     count = np.diff(np.append(edges, grid.n - 1)).astype(np.float64)
     nodes = edges + (count + 1) / 2 + _GAUSS_NODES[:, np.newaxis] * np.sqrt(count**2 - 1) / 2
     values = unit.spectrum(nodes.ravel() * spacing, grid.dt, grid.stride).reshape(nodes.shape)

@@ -275,7 +275,7 @@ class Fit:
                 columns.append(2 * self.likelihood.column(self.model, component))
         return np.array(columns).T.reshape(len(self.expected), -1)
 
-    def by_shape(self, free: Free, step: float = _DIFFERENCE) -> Array:
+    def by_shape(self, free: Free, step: float = _DIFFERENCE, *, forward: bool = False) -> Array:
         """Return the derivative of the expected powers by the logarithm of a shape.
 
         Parameters
@@ -283,20 +283,28 @@ class Fit:
         free : Free
             The shape; zeros where it is 0.
         step : float
-            Of the logarithm, to either side and within the bounds.
+            Of the logarithm, within the bounds.
+        forward : bool
+            Whether the step is to one side only, which takes half of the time and is not exact to
+            the second order.
         """
         quantity, value = self.model.quantity(free), self.model.number(free)
         if value == 0:
             return np.zeros(len(self.expected))
-        ends = [
+        above, below = (
             float(np.clip(value * np.exp(h), quantity.lower, quantity.upper)) for h in (step, -step)
-        ]
-        likelihood, others = self.likelihood, [self.model.with_numbers([free], [e]) for e in ends]
-        if free.part < len(self.model.components):  # all else stays as it is
-            up, down = (likelihood.column(one, one.components[free.part]) for one in others)
-        else:
-            up, down = map(likelihood.expected, others)
-        return np.asarray((up - down) / np.log(ends[0] / ends[1]))
+        )
+        if forward and above > value:
+            below = value
+        up, down = (self._with_shape(free, one) for one in (above, below))
+        return np.asarray((up - down) / np.log(above / below))
+
+    def _with_shape(self, free: Free, value: float) -> Array:
+        """Return the expected powers of all that a shape is part of, with another value."""
+        model = self.model.with_numbers([free], [value])
+        if free.part < len(model.components):  # all else stays as it is
+            return self.likelihood.column(model, model.components[free.part])
+        return self.expected if model == self.model else self.likelihood.expected(model)
 
     @once
     def covariance(self) -> Array:

@@ -50,7 +50,8 @@ def climb(fit: Fit, shapes: Sequence[Free], within: float) -> Fit:
     for _ in range(_TURNS):
         former, model = fit, fit.model
         unit = np.array([_unit(model, one) for one in shapes])
-        columns = [fit.by_shape(one, _DIFFERENCE * u) for one, u in zip(shapes, unit, strict=True)]
+        steps = zip(shapes, _DIFFERENCE * unit, strict=True)
+        columns = [fit.by_shape(one, step, forward=True) for one, step in steps]
         columns += [likelihood.column(model, c) for c in model if c.has_amplitude and c.power > 0]
         jacobian = np.array(columns) / fit.expected
         weight = likelihood.dof / 2

@@ -38,7 +38,8 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
     low_passes = (c for c in candidates if isinstance(c.effect, BandLimit))
     trial = view.accept(max((*low_passes, band), key=_excess).finished())
     most = path.evaluations + _EVALUATIONS
-    if settle(trial).spectrum.loglik > trial.spectrum.loglik + _CLOSE:  # others make room for it
+    with_room = settle(trial, forms=False)  # that others make for it
+    if with_room.spectrum.loglik > trial.spectrum.loglik + _CLOSE:
         trial = _settled(trial, path)
         if accepted := _accepted(trial, first, path):
             return accepted

@@ -12,7 +12,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, SearchStep
 from allanscope.explain.gates import growth, is_measured
 from allanscope.explain.moves import SearchPath
-from allanscope.explain.moves.refit import estimate_again
+from allanscope.explain.moves.refit import estimate_again, refit
 from allanscope.explain.moves.settle import settle
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
@@ -24,9 +24,9 @@ _BEYOND_DOUBT = 1000.0
 _MOST_REFUSED, _SUSPECTS, _CERTAIN = 2, 3, 6
 """Most effects that are refused after all, and how many of small and of large gain are tried each
 time: each is a fit."""
-_ROUNDS, _FAR = 2, 10.0
-"""Turns in which the others are estimated again, and how many times what one has gained (and nats)
-may be missing after it for the next: that gains less."""
+_FAR = 10.0
+"""How many times what an estimate of the others has gained (and nats) may be missing after it for
+the next: that gains less."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 _ABSURD = np.log(100.0)
@@ -58,31 +58,42 @@ def drop_taken_over(view: View, path: SearchPath) -> View:
     penalty when the others move as well is no stopgap. A textbook coefficient stays:
     it is what named effects are compared with.
     """
-    while True:
-        processes = [
-            c
-            for c in view.accepted
-            if c.effect.is_process and c.effect.stage == 2 and not c.effect.is_coefficient
-        ]
-        if len(processes) < 2:
-            return view
-        trials = [(_taken_over(view, c, path), c) for c in processes]
-        bare, candidate = min(trials, key=lambda one: _loss(view, *one))
-        if path.is_spent or _loss(view, bare, candidate) >= 0:
-            return view
-        path.drop(candidate)
-        view = bare
+    loss = [-np.inf if _may_be_taken_over(c) else np.inf for c in view.accepted]
+    while sum(one < np.inf for one in loss) > 1:
+        trials = {
+            i: _taken_over(view, view.accepted[i], path) for i, one in enumerate(loss) if one < 0
+        }
+        for i, bare in trials.items():
+            loss[i] = _loss(view, bare, view.accepted[i])
+        taken = int(np.argmin(loss))
+        if path.is_spent or loss[taken] >= 0:
+            break
+        dropped = view.accepted[taken]
+        path.drop(dropped)
+        view = refit(trials[taken], path)
+        # The others can do no more without it: each is missed as before, less what this one gained.
+        gained = max(loss.pop(taken) + dropped.penalty, 0.0)
+        loss = [one - gained for one in loss]
+    return view
+
+
+def _may_be_taken_over(candidate: Candidate) -> bool:
+    effect = candidate.effect
+    return effect.is_process and effect.stage == 2 and not effect.is_coefficient
 
 
 def _taken_over(view: View, candidate: Candidate, path: SearchPath) -> View:
+    """Return the view without an effect, and with the others where they can take it over."""
     bare = view.without(candidate)
-    moves: list[Callable[[View], View]] = [settle, *[partial(estimate_again, path=path)] * _ROUNDS]
+    again = partial(estimate_again, path=path)
+    moves: tuple[Callable[[View], View], ...] = (partial(settle, forms=False), settle, again, again)
     for move in moves:
         before, bare = bare, move(bare)
         if bare is before:  # one alone settles by itself
             continue
         gained = bare.spectrum.loglik - before.spectrum.loglik
-        if _missing(view, bare, candidate) > _FAR * max(gained, 1.0):
+        missing = _missing(view, bare, candidate)
+        if missing < 0 or missing > _FAR * max(gained, 1.0):
             break
     return bare
 

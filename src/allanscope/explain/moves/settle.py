@@ -39,11 +39,18 @@ Places = dict[int, int]
 """Of a part of an effect, by its identity, the place among the parts of the model."""
 
 
-def settle(view: View) -> View:
+def settle(view: View, *, forms: bool = True) -> View:
     """Return the view with the shapes of its processes at the maximum of their likelihood.
 
     It stays as it is where there are no two, or no band among them. What becomes another band, or
     is drawn to a line beside it, stays where it is. How well each number is known stays as it was.
+
+    Parameters
+    ----------
+    view : View
+        With the processes where they are now.
+    forms : bool
+        Whether a band may take another form, which takes most of the time.
     """
     movable = [c for c in view.accepted if _is_movable(c)]
     if not any(_band(part) is not None for c in movable for part in c.parts):
@@ -58,7 +65,7 @@ def settle(view: View) -> View:
         fit = climb(start, shapes, _WITHIN)
         stayed = [c for c in movable if _has_stayed(c, fit, places)]
         if len(stayed) == len(movable):
-            formed = _with_likeliest_forms(fit, movable, places)
+            formed = _with_likeliest_forms(fit, movable, places) if forms else fit
             is_same = all(_has_stayed(c, formed, places) for c in movable)
             return _moved(view, movable, formed if is_same else fit, places)
         movable = stayed

@@ -48,7 +48,7 @@ density at 1 Hz is 80 % of that at zero."""
 _FLAT = 0.8
 """The same of a band: at least this ratio of its densities at 0 and 1 Hz, whichever is larger."""
 _NOTED = 0.02
-"""Share of N^2 below which nobody sees what a band adds to it."""
+"""Share of N^2 below which nobody sees what bands add to it."""
 _UNKNOWN = 1.0
 """Half the width of the interval of ln N from which a level below the bands is not known."""
 _LIMIT = math.log(10)
@@ -160,7 +160,9 @@ def total_white(fit: NoiseFit) -> Coefficient:
     noted = _NOTED * held * white.value**2
     are_bands = {i: isinstance(components[i], Narrowband) for i in levels}
     processes = {i: n for i, n in levels.items() if not are_bands[i] and n > 0}
-    bands = {i: n for i, n in levels.items() if are_bands[i] and n > noted}
+    bands = {i: n for i, n in levels.items() if are_bands[i]}
+    if sum(bands.values()) <= noted:
+        bands = {}
     flat = processes | bands
     half = TWO_SIDED_95 * _half_error(fit, flat, held)
     if bands and half > _UNKNOWN:

@@ -16,7 +16,7 @@ from allanscope.analysis.result import ModelCurve, Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record
 from allanscope.noise import Coefficient, CoefficientPart, fit_noise
-from allanscope.noise.components import GaussMarkov
+from allanscope.noise.components import GaussMarkov, WanderingLine
 from allanscope.noise.fit import Known
 from allanscope.pipeline.check import compare
 from allanscope.simulator import Truth
@@ -124,6 +124,21 @@ def test_what_a_broad_resonance_has_at_1_hz_is_part_of_n():
     assert found.upper / found.lower < 1.05
     assert found.white_alone.value == pytest.approx(4e-3, rel=0.1)
     assert axis.remarks == ()
+
+
+def test_n_beside_a_resonance_whose_form_is_not_known_has_an_interval_that_holds():
+    """40 records, the oscillator taken for a line that wanders: alone that holds a sixth."""
+    radius, turn, n = np.exp(-np.pi * 3 / RATE), 2 * np.pi * 11.9 / RATE, 12_000
+    poles = [1, -2 * radius * np.cos(turn), radius**2]
+    held = []
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 31])
+        shaken = lfilter([0.3 * sum(poles)], poles, white(rng, 4e-3, n + 500))[500:]
+        record = one_axis(white(rng, 4e-3, n) + shaken)
+        known = Known((WanderingLine(1.0, 12.0, 3.0),))
+        found = total_white(fit_noise(record, "gx", known=known))
+        held.append(found.lower < np.hypot(4e-3, 0.3 * 4e-3) < found.upper)
+    assert 0.88 < np.mean(held) <= 1.0
 
 
 def test_two_resonances_on_a_table_leave_n_and_no_power_law():

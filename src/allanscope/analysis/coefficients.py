@@ -10,6 +10,9 @@ spring to what is slow:
 
 .. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c + \sum S_\text{band}(0) + N_\text{floor}^2
 
+What a resonance has there is known by its form, and several forms may fit it as well: N is their
+mean, weighted with their likelihoods, and its interval holds their scatter.
+
 Longer processes are no part of it. Where a reader takes each sample of the sensor several times,
 the white term is that of rows, and the density at 1 Hz as many times as large.
 
@@ -29,9 +32,16 @@ from numpy.typing import NDArray
 
 from allanscope.explain import AxisExplanation
 from allanscope.noise import Coefficient, CoefficientPart, NoiseFit
-from allanscope.noise.components import Floor, GaussMarkov, Narrowband, RandomTelegraph
+from allanscope.noise.components import (
+    Floor,
+    GaussMarkov,
+    MovingLine,
+    Narrowband,
+    RandomTelegraph,
+)
 from allanscope.noise.filters import HeldPattern
 from allanscope.noise.part import Component
+from allanscope.noise.scoring import climb, other_forms
 from allanscope.quantities import TWO_SIDED_95
 
 if TYPE_CHECKING:
@@ -49,6 +59,9 @@ _FLAT = 0.8
 """The same of a band: at least this ratio of its densities at 0 and 1 Hz, whichever is larger."""
 _NOTED = 0.02
 """Share of N^2 below which nobody sees what bands add to it."""
+_TELLING, _WITHIN = 0.005, 0.05
+"""Share of N^2 that a resonance must have at 0 Hz for the forms of a band to be compared, and gain
+of a step in nats at which the search for the shapes of each ends."""
 _UNKNOWN = 1.0
 """Half the width of the interval of ln N from which a level below the bands is not known."""
 _LIMIT = math.log(10)
@@ -156,7 +169,7 @@ def total_white(fit: NoiseFit) -> Coefficient:
         for one in fit.model.filters
         if isinstance(one, HeldPattern)
     )
-    levels = {i: _level(c, dt) for i, c in enumerate(components) if _is_flat(c, dt)}
+    levels = _flat_levels(fit.model)
     noted = _NOTED * held * white.value**2
     are_bands = {i: isinstance(components[i], Narrowband) for i in levels}
     processes = {i: n for i, n in levels.items() if not are_bands[i] and n > 0}
@@ -173,9 +186,10 @@ def total_white(fit: NoiseFit) -> Coefficient:
             return white
         alone = CoefficientPart.of(white)
         return replace(white.scaled(math.sqrt(held)), white_alone=alone)
+    moved, error = _by_form(fit.fit, held) if bands else (0.0, 0.0)
     # The published white term has no first-order bias; the maximum of the likelihood has.
-    value = math.sqrt(sum(flat.values()) + held * white.value**2)
-    lower, upper = _interval(value, half)
+    value = math.sqrt(sum(flat.values()) + held * white.value**2) * math.exp(moved)
+    lower, upper = _interval(value, math.hypot(half, TWO_SIDED_95 * error))
     return replace(
         white,
         value=value,
@@ -245,6 +259,43 @@ def add_coupled(
         white_alone=own.white_alone or CoefficientPart.of(own),
         decoupled=CoefficientPart.of(own),
     )
+
+
+def _by_form(fit: Fit, held: float) -> tuple[float, float]:
+    """Return mean and standard deviation of the change of ln N by other forms of its bands."""
+    components, dt = fit.model.components, fit.model.dt
+    least = _TELLING * _flat_power(fit.model, held)
+    bands = [
+        i for i, c in enumerate(components) if c.band is not None and not isinstance(c, MovingLine)
+    ]
+    shapes = [free for free in fit.model.shapes if free.part in bands]
+    first = climb(fit, sorted(shapes), _WITHIN)
+    mean = variance = 0.0
+    for i in bands:
+        band = components[i]
+        assert band.band is not None
+        if _level(Narrowband(1.0, *band.band).with_power(band.power), dt) < least:
+            continue
+        fits = [first, *other_forms(first, i, sorted(shapes), _WITHIN)]
+        nats = np.array([one.loglik - first.loglik for one in fits])
+        power = np.array([_flat_power(one.model, held) for one in fits])
+        weight = np.exp(nats - nats.max())
+        weight /= weight.sum()
+        moved = np.log(power / power[0]) / 2
+        mean += float(weight @ moved)
+        variance += float(weight @ (moved - weight @ moved) ** 2)
+    return mean, math.sqrt(variance)
+
+
+def _flat_power(model: NoiseModel, held: float) -> float:
+    """Return the square of N, at the maximum of the likelihood."""
+    white = sum(c.power for c in model.components if c.symbol == "N")
+    return held * white + sum(_flat_levels(model).values())
+
+
+def _flat_levels(model: NoiseModel) -> dict[int, float]:
+    """Return the levels at 0 Hz of processes that are white at 1 Hz and below, by their place."""
+    return {i: _level(c, model.dt) for i, c in enumerate(model.components) if _is_flat(c, model.dt)}
 
 
 def _is_flat(component: Component, dt: float) -> bool:

@@ -12,15 +12,17 @@ after one that did (Marquardt, J. SIAM 11, 1963). The powers are at their maximu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.noise.components.narrowband import FORMS
 from allanscope.noise.likelihood import Fit
 from allanscope.noise.model import Free, NoiseModel
 
-__all__ = ["climb"]
+__all__ = ["climb", "other_forms"]
 
 Array = NDArray[np.float64]
 
@@ -76,6 +78,31 @@ def climb(fit: Fit, shapes: Sequence[Free], within: float) -> Fit:
         if fit.loglik - former.loglik < within:
             break
     return fit
+
+
+def other_forms(fit: Fit, place: int, shapes: Sequence[Free], within: float) -> Iterator[Fit]:
+    """Generate the fits in which a band has each of the other forms that it may have.
+
+    Parameters
+    ----------
+    fit : Fit
+        Where to begin.
+    place : int
+        Of the band among the components.
+    shapes : sequence of Free
+        What is varied.
+    within : float
+        As for `climb`.
+    """
+    model, likelihood = fit.model, fit.likelihood
+    band = model.components[place]
+    assert band.band is not None
+    for form in FORMS:
+        other = form(*band.band).with_power(band.power)
+        if other == band:
+            continue
+        components = (*model.components[:place], other, *model.components[place + 1 :])
+        yield climb(likelihood.amplitudes(replace(model, components=components)), shapes, within)
 
 
 def _bounded(model: NoiseModel, shapes: Sequence[Free], logs: Array) -> Array:

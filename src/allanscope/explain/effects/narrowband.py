@@ -40,9 +40,9 @@ from allanscope.explain.stationarity import (
 )
 from allanscope.explain.view import View
 from allanscope.lazy import once
-from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
-from allanscope.noise.components import Narrowband as Resonance
+from allanscope.noise.components import Component
 from allanscope.noise.components.correlated import Correlated
+from allanscope.noise.components.narrowband import FORMS
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
 from allanscope.optimise import descend, minimise
@@ -106,28 +106,7 @@ _WITHIN = 3.0
 """Distance in bandwidths up to which a frequency belongs to a band."""
 
 
-def _resonance(f0: float, width: float) -> Component:
-    return Resonance(1.0, f0, width)
-
-
-def _wandering(f0: float, width: float) -> Component:
-    return WanderingLine(1.0, f0, width)
-
-
-def _peaked(f0: float, width: float) -> Component:
-    return PeakFiltered(1.0, f0, width)
-
-
-def _passed(f0: float, width: float) -> Component:
-    return BandPassed(1.0, f0, width, order=2)
-
-
-def _passed_steeply(f0: float, width: float) -> Component:
-    return BandPassed(1.0, f0, width, order=4)
-
-
-FORMS = (_resonance, _wandering, _peaked, _passed, _passed_steeply)
-"""What a band may be, by its centre and width."""
+_resonance, _wandering, *_flat = FORMS
 
 
 @dataclass(frozen=True)
@@ -423,7 +402,7 @@ def _fit(view: View, start: int, width: int) -> Fitted | None:
         return best
     if best[0].bandwidth.value * view.series.duration_s < _BROAD:
         return best
-    flat = likeliest((_peaked, _passed, _passed_steeply))
+    flat = likeliest(tuple(_flat))
     return best if flat is None else max(best, flat, key=_gain)
 
 

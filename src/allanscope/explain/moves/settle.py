@@ -15,14 +15,14 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.narrowband import BROADEST, FORMS, Narrowband
+from allanscope.explain.effects.narrowband import BROADEST, Narrowband
 from allanscope.explain.view import View
 from allanscope.noise.components import Component, MovingLine
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import Free
 from allanscope.noise.part import Part
-from allanscope.noise.scoring import climb
+from allanscope.noise.scoring import climb, other_forms
 
 __all__ = ["settle", "was_measured"]
 
@@ -106,8 +106,11 @@ def _band(part: Part) -> tuple[float, float] | None:
 
 
 def _has_stayed(candidate: Candidate, fit: Fit, places: Places) -> bool:
-    """Return whether the bands of an effect are in a fit what they were."""
-    return all(_is_same(part, fit.model.parts[places[id(part)]], _FAR) for part in candidate.parts)
+    """Return whether the bands of an effect are in a fit what they were, and not above the top."""
+    top = fit.likelihood.evidence[0].frequency[-1]
+    pairs = [(part, fit.model.parts[places[id(part)]]) for part in candidate.parts]
+    bands = [band for _, part in pairs if (band := _band(part)) is not None]
+    return all(_is_same(*pair, _FAR) for pair in pairs) and all(f0 < top for f0, _ in bands)
 
 
 def _is_same(part: Part, other: Part, far: float) -> bool:
@@ -128,16 +131,7 @@ def _with_likeliest_forms(fit: Fit, movable: Sequence[Candidate], places: Places
         if _left(fit, place) < _ANOTHER:
             continue
         best = fit
-        for form in FORMS:
-            model = fit.model.components[place]
-            assert model.band is not None
-            other = form(*model.band).with_power(model.power)
-            if other == model:
-                continue
-            components = list(fit.model.components)
-            components[place] = other
-            changed = replace(fit.model, components=tuple(components))
-            found = climb(fit.likelihood.amplitudes(changed), shapes, _WITHIN)
+        for found in other_forms(fit, place, shapes, _WITHIN):
             pairs = zip(fit.model.parts, found.model.parts, strict=True)
             is_likelier = found.loglik > max(best.loglik, fit.loglik + _ANOTHER)
             if is_likelier and all(_is_same(*pair, _FORMED) for pair in pairs):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +13,7 @@ from numpy.typing import ArrayLike
 from allanscope.noise.components.correlated import Correlated, ExponentialCovariance
 from allanscope.noise.part import Array, Component, Quantity
 
-__all__ = ["BandPassed", "MovingLine", "Narrowband", "PeakFiltered", "WanderingLine"]
+__all__ = ["FORMS", "BandPassed", "MovingLine", "Narrowband", "PeakFiltered", "WanderingLine"]
 
 _WIDEST = 1.98
 """Largest bandwidth in units of the frequency: just below critical damping."""
@@ -146,3 +148,13 @@ class PeakFiltered(_InBand):
         g0 = np.tan(np.pi * min(self.frequency * dt, 0.499999))
         x = (g * g - g0 * g0) / (w * (1 + g0 * g0) * g)
         return np.asarray(2 * dt * self.sigma**2 * (1 + w) / w / (1 + x * x))
+
+
+FORMS: tuple[Callable[[float, float], Component], ...] = (
+    partial(Narrowband, 1.0),
+    partial(WanderingLine, 1.0),
+    partial(PeakFiltered, 1.0),
+    partial(BandPassed, 1.0, order=2),
+    partial(BandPassed, 1.0, order=4),
+)
+"""What noise in a band may be, by its centre and width: they differ in what lies far from it."""

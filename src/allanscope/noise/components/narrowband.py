@@ -130,7 +130,10 @@ class BandPassed(_InBand):
         steepness = 2 * self.order
         x = 2 * (np.asarray(f, np.float64) - self.frequency) / self.bandwidth
         area = np.pi / steepness / np.sin(np.pi / steepness) * self.bandwidth
-        return np.asarray(self.sigma**2 / area / (1 + x**steepness))
+        square = steep = x * x
+        for _ in range(self.order - 1):  # `**` takes ten times as long
+            steep = steep * square
+        return np.asarray(self.sigma**2 / area / (1 + steep))
 
 
 @dataclass(frozen=True)

@@ -268,15 +268,15 @@ def _by_form(fit: Fit, held: float) -> tuple[float, float]:
     bands = [
         i for i, c in enumerate(components) if c.band is not None and not isinstance(c, MovingLine)
     ]
-    shapes = [free for free in fit.model.shapes if free.part in bands]
-    first = climb(fit, sorted(shapes), _WITHIN)
+    shapes = sorted(free for free in fit.model.shapes if free.part in bands)
+    first = climb(fit, shapes, _WITHIN)
     mean = variance = 0.0
     for i in bands:
         band = components[i]
         assert band.band is not None
         if _level(Narrowband(1.0, *band.band).with_power(band.power), dt) < least:
             continue
-        fits = [first, *other_forms(first, i, sorted(shapes), _WITHIN)]
+        fits = [first, *other_forms(first, i, shapes, _WITHIN)]
         nats = np.array([one.loglik - first.loglik for one in fits])
         power = np.array([_flat_power(one.model, held) for one in fits])
         weight = np.exp(nats - nats.max())

@@ -23,11 +23,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
+from scipy.fft import dct
 from scipy.special import chdtrc
 
 from allanscope.explain.candidate import Candidate, HeldOut, error_of_sum
 from allanscope.explain.regression import Regression
+from allanscope.explain.series import in_time
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid, grid_of
@@ -67,8 +68,8 @@ def interleaved(
     n = view.grid.n
     # What is left out of the fit is left out here: a loud tone would be taken for white noise.
     weight = fit.spectrum.kept / np.sqrt(fit.spectrum.ordinates)
-    white = _in_time(view.ordinates * weight, n)
-    signals = np.array([_in_time(column * weight[: columns.shape[1]], n) for column in columns])
+    white = in_time(view.ordinates * weight, n)
+    signals = np.array([in_time(column * weight[: columns.shape[1]], n) for column in columns])
     block = (np.arange(n) / (_BLOCK_S * view.grid.rate_hz)).astype(np.int64)
     # A gain is quadratic in the amplitudes: the sums over each block are all that is needed.
     normal = np.array([[np.bincount(block, a * b) for b in signals] for a in signals])
@@ -113,13 +114,6 @@ def _contradiction(signals: Array, white: Array, rate_hz: float) -> float:
         free = np.maximum(1 - np.bincount(block, signal**2) / energy, _LEAST_FREE)
         ratios.append(float(np.sum(np.bincount(block, left) ** 2 / free)) / energy)
     return max(ratios)
-
-
-def _in_time(ordinates: Array, n: int) -> Array:
-    """Return the n samples that have these first ordinates and no mean."""
-    padded = np.zeros(n)
-    padded[1 : len(ordinates) + 1] = ordinates
-    return np.asarray(idct(padded, norm="ortho", overwrite_x=True))
 
 
 def _amplitude(normal: Array, right: Array) -> Array:

@@ -353,14 +353,26 @@ def block_means(values: Array, blocks: int) -> Array:
     return np.concatenate([part.mean(axis=1) for part in parts])
 
 
-def in_time(ordinates: Array) -> Array:
-    """Return the samples without a mean whose DCT-II ordinates are these, (..., n) of (..., n - 1).
+def in_time(ordinates: Array, n: int | None = None) -> Array:
+    """Return the samples without a mean that have these DCT-II ordinates.
 
+    Parameters
+    ----------
+    ordinates : ndarray, shape (..., m)
+        From the first on.
+    n : int, optional
+        Samples, where the ordinates beyond are 0; m + 1 without it.
+
+    Examples
+    --------
     >>> in_time(np.array([1.0, 0.0])).round(3).tolist()
     [0.707, 0.0, -0.707]
+    >>> in_time(np.array([1.0]), 3).round(3).tolist()
+    [0.707, 0.0, -0.707]
     """
-    padded = np.zeros((*ordinates.shape[:-1], ordinates.shape[-1] + 1))
-    padded[..., 1:] = ordinates
+    m = ordinates.shape[-1]
+    padded = np.zeros((*ordinates.shape[:-1], n or m + 1))
+    padded[..., 1 : m + 1] = ordinates
     return np.asarray(idct(padded, norm="ortho", overwrite_x=True))
 
 

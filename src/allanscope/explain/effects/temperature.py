@@ -21,7 +21,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
+from scipy.fft import dct
 
 from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
@@ -35,6 +35,7 @@ from allanscope.explain.regression import (
     marginal_covariance,
     restricted_loglik,
 )
+from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 from allanscope.optimise import minimise_between
 from allanscope.quantities import TWO_SIDED_95
@@ -209,10 +210,7 @@ class Temperature(EffectKind):
     def signal(self, view: View) -> Array:
         """Return what it adds to the samples, shape (n,)."""
         size = [self.slope.value, *([self.curvature.value] if self.curvature is not None else [])]
-        n = view.grid.n
-        ordinates = np.zeros(n)
-        ordinates[1 : view.grid.low + 1] = np.array(size) @ self.terms(view)
-        return np.asarray(idct(ordinates, norm="ortho", overwrite_x=True))
+        return in_time(np.array(size) @ self.terms(view), view.grid.n)
 
     def terms(self, view: View) -> Array:
         """Return the ordinates of the temperature as it is felt and, for a curve, its square."""
@@ -356,9 +354,7 @@ def _terms(view: View, ordinates: Array, lag: float, bent: bool) -> Array:
     if lag == 0.0 and not bent:
         return ordinates[np.newaxis, :m]
     coarse = min(n, _FINER * m)
-    padded = np.zeros(coarse)
-    padded[1 : min(m, coarse - 1) + 1] = ordinates[: min(m, coarse - 1)]
-    felt = np.asarray(idct(padded, norm="ortho")) * np.sqrt(coarse / n)
+    felt = in_time(ordinates[: min(m, coarse - 1)], coarse) * np.sqrt(coarse / n)
     if lag > 0.0:
         felt = _lagged(felt, lag * view.grid.rate_hz * coarse / n)
     terms = [felt, (felt - felt.mean()) ** 2] if bent else [felt]

@@ -16,7 +16,7 @@ from allanscope.analysis.result import ModelCurve, Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record
 from allanscope.noise import Coefficient, CoefficientPart, fit_noise
-from allanscope.noise.components import GaussMarkov, WanderingLine
+from allanscope.noise.components import GaussMarkov, Narrowband, WanderingLine
 from allanscope.noise.fit import Known
 from allanscope.pipeline.check import compare
 from allanscope.simulator import Truth
@@ -124,6 +124,19 @@ def test_what_a_broad_resonance_has_at_1_hz_is_part_of_n():
     assert found.upper / found.lower < 1.05
     assert found.white_alone.value == pytest.approx(4e-3, rel=0.1)
     assert axis.remarks == ()
+
+
+def test_what_several_resonances_add_to_n_counts_where_each_alone_is_too_little_to_be_noted():
+    """Four, each with 1.4 % of N squared at 0 Hz: 3 % of N."""
+    rng = np.random.default_rng(22)
+    values, places = white(rng, 4e-3), (18.0, 24.0, 30.0, 36.0)
+    for frequency in places:
+        radius, turn = np.exp(-np.pi * 2 / RATE), 2 * np.pi * frequency / RATE
+        poles = [1, -2 * radius * np.cos(turn), radius**2]
+        values += lfilter([0.12 * sum(poles)], poles, white(rng, 4e-3))
+    known = Known(tuple(Narrowband(1.0, frequency, 2.0) for frequency in places))
+    found = total_white(fit_noise(one_axis(values), "gx", known=known))
+    assert found.value == pytest.approx(4e-3 * np.sqrt(1 + 4 * 0.12**2), rel=0.01)
 
 
 def test_n_beside_a_resonance_whose_form_is_not_known_has_an_interval_that_holds():

@@ -2,7 +2,7 @@
 
 N is what is published: all that is white at low frequencies, which resonances add to.
 
-    python benchmarks/vibration.py [--records 20] [--quick] [--json FILE]
+    python benchmarks/vibration.py [--records 20] [--seed 1] [--quick] [--json FILE]
 
 Five minutes at 100 Hz of white noise, a slow random walk and three to seven bands side by side,
 each 0.3 to 3 times as loud as the white noise and 1 to 15 % of its frequency wide; half of the

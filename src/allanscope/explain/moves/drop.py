@@ -58,6 +58,7 @@ def drop_taken_over(view: View, path: SearchPath) -> View:
     penalty when the others move as well is no stopgap. A textbook coefficient stays:
     it is what named effects are compared with.
     """
+    # Of each effect, in the order of the view: what is below 0 is yet to be looked at.
     loss = [-np.inf if _may_be_taken_over(c) else np.inf for c in view.accepted]
     while sum(one < np.inf for one in loss) > 1:
         trials = {

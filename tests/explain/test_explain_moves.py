@@ -34,6 +34,7 @@ from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves import add as moves_of_adding
 from allanscope.explain.moves import drop as moves_of_dropping
 from allanscope.explain.moves.add import add, add_bundle, proposals, with_rivals
+from allanscope.explain.moves.add_bands import add_bands
 from allanscope.explain.moves.drop import drop, drop_taken_over, refuse
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.give_back import give_back
@@ -56,7 +57,7 @@ TIME = np.arange(N) / RATE
 def view_of(samples: Array) -> View:
     """Return the hypothesis that one axis is the textbook's noise."""
     rows = samples[:, np.newaxis]
-    series = Series(("gx",), rows, RATE, 1, (1e-9,), None, np.zeros(N, np.bool_))
+    series = Series(("gx",), rows, RATE, 1, (1e-9,), None, np.zeros(len(rows), np.bool_))
     return View(series, series.grid, "gx", rows[:, 0], 0.0)
 
 
@@ -688,3 +689,33 @@ def test_nothing_is_asked_beside_a_first_member_that_misses_much(
     monkeypatch.setattr(moves_of_adding, "_ALONE", 7.0)
     assert add_bundle(view, kinds, found, path) is None
     assert path.evaluations > asked
+
+
+LONG = 10 * N
+SWING = np.cumsum(0.4 * np.sin(np.arange(LONG) / 26) + 0.3 * np.sin(np.arange(LONG) / 61))
+
+
+@pytest.mark.parametrize(
+    ("tone", "looks"),
+    [
+        pytest.param(
+            np.repeat([1, 0, 1, 0, 1, 0], LONG // 6)
+            * lfilter([0.3], [1, -0.6, 0.95], np.random.default_rng(2).standard_normal(LONG)),
+            0,
+            id="comes and goes",
+        ),
+        pytest.param(
+            2 * np.sin((20 * np.pi * np.arange(LONG) + 2 * np.pi * SWING) / RATE), 2, id="swings"
+        ),
+    ],
+)
+def test_others_are_looked_for_once_beside_a_band_that_does_not_hold(tone, looks):
+    """Each look is a second on a million rows, and eight of them did not make it another tone."""
+    view, path = view_of(np.random.default_rng(1).standard_normal(LONG) + tone), SearchPath()
+    candidates = proposals(view, [Narrowband, BandLimit], path)
+    first = path.evaluations
+    assert add_bands(view, candidates, path) is None
+    assert path.evaluations <= first + looks
+    second = path.evaluations
+    assert add_bands(view, candidates, path) is None
+    assert path.evaluations == second

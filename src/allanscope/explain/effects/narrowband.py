@@ -216,13 +216,20 @@ class Narrowband(EffectKind):
         band = max(low, f0 - _FARTHEST * width), min(high, f0 + _FARTHEST * width)
         return band_left_over(view, candidate, band)
 
-    def _is_steady(self, view: View, candidate: Candidate) -> bool:
+    def lasts(self, view: View) -> bool:
+        """Return whether the samples may hold noise all along there, whatever the model is."""
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
             width * view.series.duration_s >= _FEWEST_COHERENCES
             and bartlett_z(view.data, rate, f0, width) < _UNSTEADY
-            and bartlett_z_of(view, candidate) < UNSTEADY
             and not sweeps(view.data, rate, f0, width)
+        )
+
+    def _is_steady(self, view: View, candidate: Candidate) -> bool:
+        rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
+        return (
+            self.lasts(view)
+            and bartlett_z_of(view, candidate) < UNSTEADY
             and not (
                 envelope_z(view.data, rate, f0, width) > _TOO_EVEN
                 and self._is_misshapen(view, candidate)

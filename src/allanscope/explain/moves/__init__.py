@@ -64,6 +64,7 @@ class SearchPath:
     steps: list[SearchStep] = field(default_factory=list)
     _until: int = sys.maxsize
     _dropped: list[Candidate] = field(default_factory=list)
+    _refused: list[tuple[Candidate, int]] = field(default_factory=list)
 
     def enter(self, evaluations: int) -> None:
         """Begin a stage that has so many evaluations."""
@@ -121,8 +122,19 @@ class SearchPath:
 
     def was_dropped(self, candidate: Candidate, grid: Grid) -> bool:
         """Return whether this hypothesis was taken before and dropped."""
+        return any(_is_same(candidate, former, grid) for former in self._dropped)
+
+    def refuse(self, candidate: Candidate, beside: int) -> None:
+        """Enter that nothing makes a hypothesis hold beside so many others."""
+        self._refused.append((candidate, beside))
+
+    def was_refused(self, candidate: Candidate, beside: int, grid: Grid) -> bool:
+        """Return whether this hypothesis was refused beside as many."""
         return any(
-            candidate.kind == former.kind
-            and candidate.finished().effect.is_same(former.effect, grid)
-            for former in self._dropped
+            beside == count and _is_same(candidate, former, grid) for former, count in self._refused
         )
+
+
+def _is_same(candidate: Candidate, former: Candidate, grid: Grid) -> bool:
+    is_kind = candidate.kind == former.kind
+    return is_kind and candidate.finished().effect.is_same(former.finished().effect, grid)

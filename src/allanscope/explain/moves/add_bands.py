@@ -2,7 +2,9 @@
 
 What is accepted in its place is none of them: a low-pass with its cutoff at the end of the last, or
 a range without a name. So the next bands, and a low-pass, are looked for beside it, all are
-estimated again until that gains nothing, and each is judged beside the others.
+estimated again until that gains nothing, and each is judged beside the others. A tone that comes
+and goes does so whatever is beside it: then no more are looked for. Nor are they looked for again
+for the same band before something else than a slow effect was accepted.
 """
 
 from __future__ import annotations
@@ -32,8 +34,21 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
     band = max(bands, key=_excess, default=None)
     if band is None or not penalty_passed(view, band, path.spent):
         return None
+    fast = sum(not c.effect.is_slow for c in view.accepted)
+    if path.was_refused(band, fast, view.grid):
+        return None
     if lines_that_hold(band, candidates) or _judged(view, band.finished()):
         return None
+    group = _group(view, band, candidates, path)
+    if group is None:
+        path.refuse(band, fast)
+    return group
+
+
+def _group(
+    view: View, band: Candidate, candidates: list[Candidate], path: SearchPath
+) -> View | None:
+    """Return the view with a band and what has to be beside it for it to hold, or None."""
     first = len(view.accepted)
     low_passes = (c for c in candidates if isinstance(c.effect, BandLimit))
     trial = view.accept(max((*low_passes, band), key=_excess).finished())
@@ -44,6 +59,8 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
         if accepted := _accepted(trial, first, path):
             return accepted
     while len(trial.accepted) - first < _MOST and path.evaluations < most and not path.is_spent:
+        if not _may_last(trial, first):
+            return None
         kinds = [kind for kind in (Narrowband, BandLimit) if kind.has_place(trial)]
         beside = max(proposals(trial, kinds, path), key=_excess, default=None)
         if beside is None or not penalty_passed(trial, beside, path.spent):
@@ -68,6 +85,11 @@ def _settled(view: View, path: SearchPath) -> View:
         if gained < max(_CLOSE, _MOST_OF_IT * (view.spectrum.loglik - first)):
             break
     return view
+
+
+def _may_last(trial: View, first: int) -> bool:
+    bands = (c.effect for c in trial.accepted[first:] if isinstance(c.effect, Narrowband))
+    return all(band.lasts(trial) for band in bands)
 
 
 def _accepted(trial: View, first: int, path: SearchPath) -> View | None:

@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.drifting_line import drifting_line, range_of
+from allanscope.explain.effects.drifting_line import drifting_line, lines_of, range_of
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 
@@ -133,3 +133,14 @@ def test_a_line_on_the_slope_of_a_known_band_stands_out(bench):
     found = drifting_line(view, cluster, Candidate(None, 0.0, 0.0), slope)
     assert found.effect.frequency.value == pytest.approx(7.7, abs=0.02)
     assert drifting_line(view, cluster, Candidate(None, 0.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("duration_s", [200.0, 2000.0, 20_000.0])
+def test_noise_of_any_width_is_not_cut_at_its_valleys(bench, duration_s):
+    """Of means over as many ordinates however many there are, some are low: it was many lines."""
+    for seed in range(4):
+        b = bench(720 + seed, duration_s)
+        band = 0.05 * turned(noise_of_width(b, 1.0), np.full(len(b.t), 12.0))
+        view = View.of(series_of(b.record(b.noise() + band)), "gx")
+        whole = range_of(view, 11.0, 13.0)
+        assert lines_of(view, whole) == [whole]

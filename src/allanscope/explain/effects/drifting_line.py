@@ -62,9 +62,9 @@ _CORE = 0.7
 _BRIDGED = 100
 """Ordinates between two loud ones of one line, the sidebands of what is modulated; never more than
 a fiftieth of its frequency."""
-_VALLEY, _DEEP = 24, 5.0
-"""Ordinates over which the density is averaged where lines touch, and the factor by which it falls
-between two of them."""
+_VALLEY, _VALLEYS, _DEEP = 24, 6.0, 5.0
+"""Ordinates over which the density is averaged where lines touch, by how many more it is if there
+are e times as many, and the factor by which it falls between two of them."""
 _TIMES, _FADED = 16, 0.1
 """Parts of the record in nine of ten of which a line that touches another must be, and the share of
 its mean power from which it is."""
@@ -219,9 +219,9 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
     """Return the parts of a cluster between which its density falls far below the peaks of both.
 
     Two motors that run at nearly the same speed are loud all the way from one to the other. Powers
-    of noise scatter; that a mean over so many is a fifth of that of as many others by chance is
-    one in 10^4. What goes to and fro is loud where it turns too, but there at one time, here at
-    another.
+    of noise scatter; the more there are, the more are in a mean, so that in noise of any width less
+    than one in 100 has a fifth of another by chance. What goes to and fro is loud where it turns
+    too, but there at one time, here at another.
     """
     inside = slice(cluster.first, cluster.stop)
     u = view.squares[inside] / view.spectrum.ordinates[inside]
@@ -229,9 +229,10 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
         return [cluster]
     from scipy.signal import find_peaks  # half a second to load, and few records have such lines
 
-    mean = np.maximum(np.convolve(u, np.ones(_VALLEY) / _VALLEY, mode="same"), 1.0)
+    size = round(_VALLEY + _VALLEYS * np.log(len(u) / (3 * _VALLEY)))
+    mean = np.maximum(np.convolve(u, np.ones(size) / size, mode="same"), 1.0)
     level = np.concatenate([[0.0], np.log(mean), [0.0]])  # a peak at the edge is one
-    peaks, _ = find_peaks(level, prominence=np.log(_DEEP), distance=_VALLEY)
+    peaks, _ = find_peaks(level, prominence=np.log(_DEEP), distance=size)
     cuts = [
         cluster.first + left + int(mean[left:right].argmin())
         for left, right in zip((peaks[:-1] - 1).tolist(), peaks[1:].tolist(), strict=True)

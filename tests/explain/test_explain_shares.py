@@ -109,3 +109,17 @@ def test_findings_are_in_the_order_of_their_shares():
     found = findings_of({"gx": [small], "gy": [large]}, {"gx": 20.0, "gy": 1000.0})
     assert [one.kind for one in found] == ["warm_up", "step"]
     assert [one.share for one in found] == pytest.approx([500 / 1020, 18 / 1020])
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0])
+def test_coarse_values_are_no_part_of_what_the_tails_of_the_noise_gain(bench, step):
+    """Lumps a step apart were taken for it: three quarters of the excess of an accelerometer."""
+    b = bench(31)
+    heavy = b.rng.standard_t(12, len(b.t)) * np.std(b.noise())
+    line = 0.4 * np.std(heavy) * np.sin(2 * np.pi * 7 * b.t)
+    fine, coarse = (
+        explain(b.record(heavy + line, lsb=size * np.std(heavy))).axes["gx"]
+        for size in (1e-3, step)
+    )
+    assert "unexplained" in {e.kind for e in fine.effects}
+    assert coarse.shares.nameless == pytest.approx(fine.shares.nameless, abs=0.05)

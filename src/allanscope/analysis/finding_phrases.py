@@ -83,6 +83,10 @@ def finding_phrase(finding: Finding) -> str:
     >>> effects = {"gx": [line(50.0, 0.02), line(100.0, 0.002)], "gy": [line(50.0, 0.003)]}
     >>> finding_phrase(findings_of(effects)[0])
     'line at 50 Hz, 3.0 to 20 mdps, with harmonic 2'
+    >>> effects["ax"] = [Effect("sinusoid", {"frequency": Parameter(100.0, 100.0, 100.0, "Hz"),
+    ...                                      "amplitude": Parameter(1e-3, 1e-3, 1e-3, "g")})]
+    >>> finding_phrase(findings_of(effects)[0])
+    'line at 50 Hz, 3.0 to 20 mdps, with harmonic 2 (1.0 mg)'
     """
     effects = [one.effect for one in finding.members]
     lead = effects[0]
@@ -99,7 +103,8 @@ def finding_phrase(finding: Finding) -> str:
     belongs = [with_article(kind) for kind in others]
     if finding.harmonics:
         orders = _listed([str(order) for order in finding.harmonics])
-        belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
+        size = _size_on_other_sensors(effects)
+        belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}{size}")
     if finding.folded:
         belongs[-1] += f" ({_listed([str(order) for order in finding.folded])} folded)"
     belongs += _mixed(finding.mixed)
@@ -168,6 +173,18 @@ def _is_alike(effect: Effect, lead: Effect) -> bool:
         return False
     own, base = (one.parameters.get("frequency") for one in (effect, lead))
     return own is None or base is None or 2 / 3 < float(own.value) / float(base.value) < 1.5
+
+
+def _size_on_other_sensors(effects: Sequence[Effect]) -> str:
+    """Return, in brackets, how large the harmonics are on a sensor that has nothing but these."""
+    lead = effects[0]
+    name = lead.traits.sized_by
+    sized = [effect for effect in effects if name in effect.parameters]
+    told = {one.parameters[name].unit for one in sized if _is_alike(one, lead)}
+    others = [one for one in sized if one.parameters[name].unit not in told]
+    if not others:
+        return ""
+    return f" ({_filled(name, others)}{' rms' * (name == 'sigma')})"
 
 
 def _is_known(name: str, effect: Effect) -> bool:

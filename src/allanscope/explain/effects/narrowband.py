@@ -216,7 +216,13 @@ class Narrowband(EffectKind):
         band = max(low, f0 - _FARTHEST * width), min(high, f0 + _FARTHEST * width)
         return band_left_over(view, candidate, band)
 
-    def lasts(self, view: View) -> bool:
+    def may_hold(self, view: View, candidate: Candidate) -> bool:
+        """Return whether it could hold with others beside it: they only change its form."""
+        return self._lasts(view) and (
+            bartlett_z_of(view, candidate) < UNSTEADY or self._is_misshapen(view, candidate)
+        )
+
+    def _lasts(self, view: View) -> bool:
         """Return whether the samples may hold noise all along there, whatever the model is."""
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
@@ -228,7 +234,7 @@ class Narrowband(EffectKind):
     def _is_steady(self, view: View, candidate: Candidate) -> bool:
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
-            self.lasts(view)
+            self._lasts(view)
             and bartlett_z_of(view, candidate) < UNSTEADY
             and not (
                 envelope_z(view.data, rate, f0, width) > _TOO_EVEN

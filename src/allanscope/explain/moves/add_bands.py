@@ -53,22 +53,22 @@ def _group(
     low_passes = (c for c in candidates if isinstance(c.effect, BandLimit))
     trial = view.accept(max((*low_passes, band), key=_excess).finished())
     most = path.evaluations + _EVALUATIONS
+    outcome: View | Candidate = trial.accepted[first]
     with_room = settle(trial, forms=False)  # that others make for it
     if with_room.spectrum.loglik > trial.spectrum.loglik + _CLOSE:
         trial = _settled(trial, path)
-        if accepted := _accepted(trial, first, path):
-            return accepted
-    while len(trial.accepted) - first < _MOST and path.evaluations < most and not path.is_spent:
-        if not _may_last(trial, first):
+        outcome = _accepted(trial, first, path)
+    while isinstance(outcome, Candidate):
+        is_full = len(trial.accepted) - first >= _MOST or path.evaluations >= most
+        if is_full or path.is_spent or not _may_hold(trial, outcome):
             return None
         kinds = [kind for kind in (Narrowband, BandLimit) if kind.has_place(trial)]
         beside = max(proposals(trial, kinds, path), key=_excess, default=None)
         if beside is None or not penalty_passed(trial, beside, path.spent):
             return None
         trial = _settled(trial.accept(beside.finished()), path)
-        if accepted := _accepted(trial, first, path):
-            return accepted
-    return None
+        outcome = _accepted(trial, first, path)
+    return outcome
 
 
 def _excess(candidate: Candidate) -> float:
@@ -87,21 +87,22 @@ def _settled(view: View, path: SearchPath) -> View:
     return view
 
 
-def _may_last(trial: View, first: int) -> bool:
-    bands = (c.effect for c in trial.accepted[first:] if isinstance(c.effect, Narrowband))
-    return all(band.lasts(trial) for band in bands)
+def _may_hold(trial: View, refused: Candidate) -> bool:
+    """Return whether others could make what was refused hold: they change no noise in time."""
+    effect = refused.effect
+    return not isinstance(effect, Narrowband) or effect.may_hold(trial.without(refused), refused)
 
 
-def _accepted(trial: View, first: int, path: SearchPath) -> View | None:
+def _accepted(trial: View, first: int, path: SearchPath) -> View | Candidate:
     """Return the view with all effects from the first on as they pass the gates beside each other.
 
-    None where one does not.
+    Or the first that does not.
     """
     judged: list[Candidate] = []
     for member in trial.accepted[first:]:
         passed = _judged(trial.without(member), member)
         if passed is None:
-            return None
+            return member
         judged.append(passed)
     path.accept("add bands", *judged)
     return trial.relisted((*trial.accepted[:first], *judged))

@@ -25,6 +25,7 @@ from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.gates import growth_remarks
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.known_effects import KnownEffects, known_of, signals_of
+from allanscope.explain.moves.add_known_lines import KnownLines, lines_of_others
 from allanscope.explain.moves.drop import refuse
 from allanscope.explain.residual import error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
@@ -160,6 +161,7 @@ def explain(
     failures: dict[str, Exception] = {}
     with _Places(job, workers) as places:
         views = places.each(_searched, {axis: axis for axis in open_axes}, failures)
+        views |= places.each(_with_known_lines, lines_of_others(views), failures)
         views = _merged(views)
         parts = places.each(_explained, views, failures)
     axes = {
@@ -246,6 +248,11 @@ def _searched(job: _Job, axis: str) -> View:
     if axis in job.densities and job.series.stride > 1:
         view = above_the_rows(view, job.densities[axis])
     return replace(view)  # without what it has computed on the way, most of which is not wanted
+
+
+def _with_known_lines(job: _Job, known: KnownLines) -> View:
+    """Return an axis with the lines of others that it has too."""
+    return replace(known.added((job.budget or Budget()).effects))
 
 
 def _held(series: Series, views: Mapping[str, View]) -> KnownEffects:

@@ -125,6 +125,21 @@ class Sinusoid(EffectKind):
         """Estimate frequency, amplitude and phase again."""
         return _at(view, self.frequency.value)
 
+    def elsewhere(self, view: View, questions: int) -> Candidate:
+        """Return what another axis has at the same frequency, which is known.
+
+        Parameters
+        ----------
+        view : View
+            The other axis.
+        questions : int
+            How many lines and axes are asked for together.
+        """
+        found = _at(view, self.frequency.value, is_known=True)
+        assert isinstance(found.effect, Sinusoid)
+        effect = replace(found.effect, frequency=self.frequency)
+        return replace(found, effect=effect, log_alternatives=float(np.log(questions)))
+
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate it again: no phase is known well enough to be good for twice the time."""
         rate = view.grid.rate_hz
@@ -219,11 +234,12 @@ def _is_of_a_wave(lines: Sequence[Sinusoid], apart: float, error: float) -> bool
     return any(abs(f - wave) < _AGREE * error for f in found for wave in (apart, apart / 2))
 
 
-def _at(view: View, frequency: float) -> Candidate:
-    """Fit a line near a frequency."""
+def _at(view: View, frequency: float, *, is_known: bool = False) -> Candidate:
+    """Fit a line near a frequency, or at one that is known."""
     n, rate = view.grid.n, view.grid.rate_hz
     duration = n / rate
-    frequency = _peak(view.data, rate, frequency, 0.75 / duration)
+    if not is_known:
+        frequency = _peak(view.data, rate, frequency, 0.75 / duration)
     if frequency * duration < _SLOW_CYCLES:
         frequency, fit = _slow_fit(view, frequency)
         pair = _pair(view, frequency)

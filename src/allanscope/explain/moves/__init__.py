@@ -6,6 +6,7 @@
 `add_beside`          a process that was refused, and what had hidden what it is
 `add_bands`           resonances side by side, of which none holds alone, and their low-pass
 `add_bundle`          several slow effects that pass together though none passes alone
+`add_known_lines`     lines that other axes have, at their frequencies
 `refit`               every effect estimated again given the others
 `drop`                effects that later ones have made superfluous
 `drop_taken_over`     processes that the others take over once they are estimated again

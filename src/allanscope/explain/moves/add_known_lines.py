@@ -1,0 +1,94 @@
+"""Add lines that other axes have: where the frequency is known it need not be searched for.
+
+What shakes a sensor, or couples into it, does so on several axes, and on some of them it is too
+faint to be told from the highest of all the peaks that noise makes. At the frequency that another
+axis has shown it only has to be told from noise there, as often as lines are asked for: the same
+probability of a false one is paid with 10 nats instead of 15 to 20.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from allanscope.explain.effects.drifting_line import DriftingLine
+from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.sinusoid import Sinusoid
+from allanscope.explain.gates import judge
+from allanscope.explain.moves import SearchPath
+from allanscope.explain.view import View
+
+__all__ = ["KnownLines", "lines_of_others"]
+
+_LINES = DriftingLine | Narrowband | Sinusoid
+_AGREE = 5.0
+"""Standard errors within which two frequencies are one."""
+
+
+@dataclass(frozen=True)
+class KnownLines:
+    """Lines that an axis is asked for.
+
+    Attributes
+    ----------
+    view : View
+        The axis, searched by itself.
+    lines : tuple of Sinusoid
+        Of others, the best known first, which it does not have.
+    questions : int
+        How many are asked on all axes together.
+    """
+
+    view: View
+    lines: tuple[Sinusoid, ...]
+    questions: int
+
+    def added(self, most: int) -> View:
+        """Return the axis with those of them that pass the gates, with so many effects at most."""
+        view, path = self.view, SearchPath()
+        for line in self.lines:
+            if len(view.accepted) >= most:
+                break
+            candidate = line.elsewhere(view, self.questions)
+            if candidate.excess <= 0:
+                continue
+            accepted, why = judge(view, candidate)
+            if accepted is not None and accepted.kind == candidate.kind:
+                path.accept("add known line", accepted)
+                view = view.accept(accepted)
+            else:
+                path.note("add known line", candidate, why)
+        return replace(view, path=(*view.path, *path.steps))
+
+
+def lines_of_others(views: Mapping[str, View]) -> dict[str, KnownLines]:
+    """Return, for every axis that lacks a constant line of another, what it is asked for."""
+    lines = {axis: _lines(view) for axis, view in views.items()}
+    missing = {
+        axis: _distinct([one for other in lines if other != axis for one in lines[other]], view)
+        for axis, view in views.items()
+    }
+    questions = sum(map(len, missing.values()))
+    return {
+        axis: KnownLines(views[axis], those, questions) for axis, those in missing.items() if those
+    }
+
+
+def _lines(view: View) -> list[Sinusoid]:
+    return [c.effect for c in view.accepted if isinstance(c.effect, Sinusoid)]
+
+
+def _distinct(lines: Sequence[Sinusoid], view: View) -> tuple[Sinusoid, ...]:
+    """Return lines of different frequencies, at which an axis has nothing, the best known first."""
+    found: list[Sinusoid] = []
+    own = [c.effect for c in view.accepted if isinstance(c.effect, _LINES)]
+    for line in sorted(lines, key=lambda one: one.frequency.error):
+        if all(_are_apart(line, other) for other in (*own, *found)):
+            found.append(line)
+    return tuple(found)
+
+
+def _are_apart(line: Sinusoid, other: DriftingLine | Narrowband | Sinusoid) -> bool:
+    apart = abs(line.frequency.value - other.frequency.value)
+    width = 0.0 if isinstance(other, Sinusoid) else other.bandwidth.value
+    return apart > width + _AGREE * (line.frequency.error + other.frequency.error)

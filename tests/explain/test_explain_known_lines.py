@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.effects.sinusoid import Sinusoid
@@ -41,6 +42,30 @@ def test_a_line_is_found_on_the_axes_that_have_it_and_on_no_other(bench):
             assert line.parameters["amplitude"].value == pytest.approx(size_of(14.5, b), rel=0.5)
     assert found >= 6
     assert alone <= 3
+
+
+def test_a_line_that_wanders_is_found_on_another_axis_too(bench):
+    """Its width is that of the loud one: of eight of 0.06 sigma none is found in four by itself."""
+    found = by_itself = 0
+    for seed in range(8):
+        b = bench(7100 + seed)
+        phi = np.exp(-np.pi * 0.05 / 52.0)
+        e = (1 - phi**2) ** 0.5 * (b.rng.normal(size=len(b.t)) + 1j * b.rng.normal(size=len(b.t)))
+        wave = np.real(lfilter([1], [1, -phi], e) * np.exp(2j * np.pi * 7.1234 * b.t))
+        loud, faint = (b.noise() + times * SIGMA * wave for times in (0.3, 0.06))
+        whole = explain(b.record(loud, faint, b.noise()))
+        (known,) = whole.axes["gx"].effects
+        assert whole.axes["gz"].effects == ()
+        own = whole.axes["gy"].effects
+        found += len(own)
+        by_itself += all(step.move != "add known line" for step in whole.axes["gy"].path)
+        for line in own:
+            assert line.axes == known.axes == ("gx", "gy")
+            size = line.parameters["sigma"]
+            assert size.value == pytest.approx(0.06 * SIGMA, rel=0.5)
+            assert size.lower < 0.06 * SIGMA < size.upper
+    assert found >= 5
+    assert by_itself <= 4
 
 
 def test_no_axis_is_asked_for_a_line_that_it_has(bench):

@@ -484,6 +484,31 @@ def _looked_at(view: View) -> float:
     return float(0.5 * np.log(4 * view.grid.n / ALPHA) + _PENALTY + np.log(ALPHA))
 
 
+def band_elsewhere(
+    view: View, frequency: Estimate, bandwidth: Estimate, questions: int
+) -> Candidate:
+    """Return what an axis has in a band that another axis has shown, whose form is known.
+
+    Parameters
+    ----------
+    view : View
+        Of the axis that is asked.
+    frequency, bandwidth : Estimate
+        Of the band.
+    questions : int
+        How many are asked together.
+    """
+    part = _resonance(frequency.value, bandwidth.value)
+    spectrum = view.spectrum_with(part)
+    gain = max(spectrum.loglik - view.spectrum.loglik, 0.0)
+    component = spectrum.model.components[-1]
+    size = spectrum.model.amplitude_behind(component, frequency.value)
+    # Of a power that gains so much the error is this part, and that of its square root half of it.
+    sigma = Estimate.of_log(max(size, 1e-300), 0.5 / np.sqrt(max(2 * gain, 1e-9)), view.unit)
+    effect = Narrowband(frequency, bandwidth, sigma)
+    return Candidate(effect, gain, float(np.log(questions)), parts=(part,))
+
+
 def halved(view: View, candidate: Candidate, least: float) -> tuple[Candidate, Candidate] | None:
     """Return the two resonances that a band is; None where one explains it as well.
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.drifting_line import DriftingLine
-from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.narrowband import Narrowband, band_elsewhere
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.gates import judge
 from allanscope.explain.moves import SearchPath
@@ -20,9 +21,10 @@ from allanscope.explain.view import View
 
 __all__ = ["KnownLines", "lines_of_others"]
 
-_LINES = DriftingLine | Narrowband | Sinusoid
-_AGREE = 5.0
-"""Standard errors within which two frequencies are one."""
+_Line = DriftingLine | Narrowband | Sinusoid
+_AGREE, _NARROW = 5.0, 0.02
+"""Standard errors within which two frequencies are one; width over frequency of a line up to which
+it has the same form on every axis."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +35,14 @@ class KnownLines:
     ----------
     view : View
         The axis, searched by itself.
-    lines : tuple of Sinusoid
+    lines : tuple of effects
         Of others, the best known first, which it does not have.
     questions : int
         How many are asked on all axes together.
     """
 
     view: View
-    lines: tuple[Sinusoid, ...]
+    lines: tuple[_Line, ...]
     questions: int
 
     def added(self, most: int) -> View:
@@ -49,7 +51,7 @@ class KnownLines:
         for line in self.lines:
             if len(view.accepted) >= most:
                 break
-            candidate = line.elsewhere(view, self.questions)
+            candidate = _elsewhere(view, line, self.questions)
             if candidate.excess <= 0:
                 continue
             accepted, why = judge(view, candidate)
@@ -62,7 +64,7 @@ class KnownLines:
 
 
 def lines_of_others(views: Mapping[str, View]) -> dict[str, KnownLines]:
-    """Return, for every axis that lacks a constant line of another, what it is asked for."""
+    """Return, for every axis that lacks a line of another, what it is asked for."""
     lines = {axis: _lines(view) for axis, view in views.items()}
     missing = {
         axis: _distinct([one for other in lines if other != axis for one in lines[other]], view)
@@ -74,21 +76,33 @@ def lines_of_others(views: Mapping[str, View]) -> dict[str, KnownLines]:
     }
 
 
-def _lines(view: View) -> list[Sinusoid]:
-    return [c.effect for c in view.accepted if isinstance(c.effect, Sinusoid)]
+def _elsewhere(view: View, line: _Line, questions: int) -> Candidate:
+    if isinstance(line, Sinusoid):
+        return line.elsewhere(view, questions)
+    return band_elsewhere(view, line.frequency, line.bandwidth, questions)
 
 
-def _distinct(lines: Sequence[Sinusoid], view: View) -> tuple[Sinusoid, ...]:
+def _lines(view: View) -> list[_Line]:
+    """Return the lines of an axis that are as narrow as to be the same on another."""
+    own = (c.effect for c in view.accepted if isinstance(c.effect, _Line))
+    return [one for one in own if _width(one) < _NARROW * one.frequency.value]
+
+
+def _distinct(lines: Sequence[_Line], view: View) -> tuple[_Line, ...]:
     """Return lines of different frequencies, at which an axis has nothing, the best known first."""
-    found: list[Sinusoid] = []
-    own = [c.effect for c in view.accepted if isinstance(c.effect, _LINES)]
+    found: list[_Line] = []
+    own = [c.effect for c in view.accepted if isinstance(c.effect, _Line)]
     for line in sorted(lines, key=lambda one: one.frequency.error):
         if all(_are_apart(line, other) for other in (*own, *found)):
             found.append(line)
     return tuple(found)
 
 
-def _are_apart(line: Sinusoid, other: DriftingLine | Narrowband | Sinusoid) -> bool:
+def _are_apart(line: _Line, other: _Line) -> bool:
     apart = abs(line.frequency.value - other.frequency.value)
-    width = 0.0 if isinstance(other, Sinusoid) else other.bandwidth.value
-    return apart > width + _AGREE * (line.frequency.error + other.frequency.error)
+    near = _AGREE * (line.frequency.error + other.frequency.error)
+    return apart > near + _width(line) + _width(other)
+
+
+def _width(line: _Line) -> float:
+    return 0.0 if isinstance(line, Sinusoid) else line.bandwidth.value

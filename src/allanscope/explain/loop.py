@@ -252,7 +252,8 @@ def _searched(job: _Job, axis: str) -> View:
 
 def _with_known_lines(job: _Job, known: KnownLines) -> View:
     """Return an axis with the lines of others that it has too."""
-    return replace(known.added((job.budget or Budget()).effects))
+    budget = job.budget or Budget()
+    return replace(known.added(budget.effects, budget.spent_nats))
 
 
 def _held(series: Series, views: Mapping[str, View]) -> KnownEffects:

@@ -45,14 +45,22 @@ class KnownLines:
     lines: tuple[_Line, ...]
     questions: int
 
-    def added(self, most: int) -> View:
-        """Return the axis with those of them that pass the gates, with so many effects at most."""
+    def added(self, most: int, spent: float) -> View:
+        """Return the axis with those of them that pass the gates.
+
+        Parameters
+        ----------
+        most : int
+            Effects that it may have.
+        spent : float
+            What earlier looks at the same data cost, in nats.
+        """
         view, path = self.view, SearchPath()
         for line in self.lines:
             if len(view.accepted) >= most:
                 break
             candidate = _elsewhere(view, line, self.questions)
-            if candidate.excess <= 0:
+            if candidate.excess <= spent:
                 continue
             accepted, why = judge(view, candidate)
             if accepted is not None and accepted.kind == candidate.kind:

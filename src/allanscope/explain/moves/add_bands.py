@@ -4,7 +4,7 @@ What is accepted in its place is none of them: a low-pass with its cutoff at the
 a range without a name. So the next bands, and a low-pass, are looked for beside it, all are
 estimated again until that gains nothing, and each is judged beside the others. A tone that comes
 and goes does so whatever is beside it: then no more are looked for. Nor are they looked for again
-for the same band before something else than a slow effect was accepted.
+for the same band before anything but a slow effect was accepted.
 """
 
 from __future__ import annotations

@@ -101,9 +101,17 @@ def _distinct(lines: Sequence[_Line], view: View) -> tuple[_Line, ...]:
     found: list[_Line] = []
     own = [c.effect for c in view.accepted if isinstance(c.effect, _Line)]
     for line in sorted(lines, key=lambda one: one.frequency.error):
-        if all(_are_apart(line, other) for other in (*own, *found)):
+        if all(_are_apart(line, other) for other in (*own, *found)) and not _is_left_out(
+            line, view
+        ):
             found.append(line)
     return tuple(found)
+
+
+def _is_left_out(line: _Line, view: View) -> bool:
+    """Return whether a line is where nothing is fitted: what is there is counted with its range."""
+    f, width = line.frequency.value, _width(line)
+    return any(low - width <= f <= high + width for low, high in view.excluded)
 
 
 def _are_apart(line: _Line, other: _Line) -> bool:

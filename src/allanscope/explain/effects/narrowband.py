@@ -217,12 +217,11 @@ class Narrowband(EffectKind):
         return band_left_over(view, candidate, band)
 
     def may_hold(self, view: View, candidate: Candidate) -> bool:
-        """Return whether it could hold with others beside it: they only change its form."""
-        return self._lasts(view) and (
-            bartlett_z_of(view, candidate) < UNSTEADY or self._is_misshapen(view, candidate)
-        )
+        """Return whether others beside it could make it hold if it lasts: they change its form."""
+        is_steady = bartlett_z_of(view, candidate) < UNSTEADY
+        return is_steady or self._is_misshapen(view, candidate)
 
-    def _lasts(self, view: View) -> bool:
+    def lasts(self, view: View) -> bool:
         """Return whether the samples may hold noise all along there, whatever the model is."""
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
@@ -234,7 +233,7 @@ class Narrowband(EffectKind):
     def _is_steady(self, view: View, candidate: Candidate) -> bool:
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
-            self._lasts(view)
+            self.lasts(view)
             and bartlett_z_of(view, candidate) < UNSTEADY
             and not (
                 envelope_z(view.data, rate, f0, width) > _TOO_EVEN

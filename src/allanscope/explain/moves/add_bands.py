@@ -60,7 +60,7 @@ def _group(
         outcome = _accepted(trial, first, path)
     while isinstance(outcome, Candidate):
         is_full = len(trial.accepted) - first >= _MOST or path.evaluations >= most
-        if is_full or path.is_spent or not _may_hold(trial, outcome):
+        if is_full or path.is_spent or not _may_hold(trial, first, outcome):
             return None
         kinds = [kind for kind in (Narrowband, BandLimit) if kind.has_place(trial)]
         beside = max(proposals(trial, kinds, path), key=_excess, default=None)
@@ -87,8 +87,11 @@ def _settled(view: View, path: SearchPath) -> View:
     return view
 
 
-def _may_hold(trial: View, refused: Candidate) -> bool:
+def _may_hold(trial: View, first: int, refused: Candidate) -> bool:
     """Return whether others could make what was refused hold: they change no noise in time."""
+    bands = (c.effect for c in trial.accepted[first:] if isinstance(c.effect, Narrowband))
+    if not all(band.lasts(trial) for band in bands):
+        return False
     effect = refused.effect
     return not isinstance(effect, Narrowband) or effect.may_hold(trial.without(refused), refused)
 

@@ -47,7 +47,7 @@ def test_a_line_is_found_on_the_axes_that_have_it_and_on_no_other(bench):
 
 
 def test_a_line_that_wanders_is_found_on_another_axis_too(bench):
-    """Its width is that of the loud one: of eight of 0.06 sigma none is found in four by itself."""
+    """Its width is that of the loud one; by itself half of eight of 0.06 sigma are not found."""
     found = by_itself = 0
     for seed in range(8):
         b = bench(7100 + seed)

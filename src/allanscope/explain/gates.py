@@ -30,6 +30,7 @@ __all__ = [
     "growth_remarks",
     "is_measured",
     "judge",
+    "judge_as_named",
     "judge_members",
     "penalties",
     "penalty_passed",
@@ -73,6 +74,14 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
     if held is not None and _is_refuted(verdict, held):
         return None, "held out: quarters of the record disagree"
     return replace(verdict, held_out=held), "accepted"
+
+
+def judge_as_named(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
+    """Return the same; None as well where the candidate would be accepted under another name."""
+    accepted, why = judge(view, candidate)
+    if accepted is not None and accepted.kind != candidate.kind:
+        return None, f"adequacy: it is {accepted.kind}"
+    return accepted, why
 
 
 def _superfluous(view: View, verdict: Candidate) -> str:

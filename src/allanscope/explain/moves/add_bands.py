@@ -12,7 +12,7 @@ from __future__ import annotations
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
-from allanscope.explain.gates import judge, penalty_passed
+from allanscope.explain.gates import judge_as_named, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import lines_that_hold, proposals
 from allanscope.explain.moves.refit import estimate_again
@@ -37,7 +37,7 @@ def add_bands(view: View, candidates: list[Candidate], path: SearchPath) -> View
     fast = sum(not c.effect.is_slow for c in view.accepted)
     if path.was_refused(band, fast, view.grid):
         return None
-    if lines_that_hold(band, candidates) or _judged(view, band.finished()):
+    if lines_that_hold(band, candidates) or judge_as_named(view, band.finished())[0]:
         return None
     group = _group(view, band, candidates, path)
     if group is None:
@@ -103,15 +103,9 @@ def _accepted(trial: View, first: int, path: SearchPath) -> View | Candidate:
     """
     judged: list[Candidate] = []
     for member in trial.accepted[first:]:
-        passed = _judged(trial.without(member), member)
+        passed, _ = judge_as_named(trial.without(member), member)
         if passed is None:
             return member
         judged.append(passed)
     path.accept("add bands", *judged)
     return trial.relisted((*trial.accepted[:first], *judged))
-
-
-def _judged(view: View, candidate: Candidate) -> Candidate | None:
-    """Return what passes the gates under the name that it has."""
-    accepted, _ = judge(view, candidate)
-    return accepted if accepted is not None and accepted.kind == candidate.kind else None

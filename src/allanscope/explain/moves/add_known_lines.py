@@ -15,7 +15,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.drifting_line import DriftingLine
 from allanscope.explain.effects.narrowband import Narrowband, band_elsewhere
 from allanscope.explain.effects.sinusoid import Sinusoid
-from allanscope.explain.gates import judge
+from allanscope.explain.gates import judge_as_named
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
@@ -62,12 +62,12 @@ class KnownLines:
             candidate = _elsewhere(view, line, self.questions)
             if candidate.excess <= spent:
                 continue
-            accepted, why = judge(view, candidate)
-            if accepted is not None and accepted.kind == candidate.kind:
+            accepted, why = judge_as_named(view, candidate)
+            if accepted is None:
+                path.note("add known line", candidate, why)
+            else:
                 path.accept("add known line", accepted)
                 view = view.accept(accepted)
-            else:
-                path.note("add known line", candidate, why)
         return replace(view, path=(*view.path, *path.steps))
 
 
@@ -100,10 +100,9 @@ def _distinct(lines: Sequence[_Line], view: View) -> tuple[_Line, ...]:
     """Return lines of different frequencies, at which an axis has nothing, the best known first."""
     found: list[_Line] = []
     own = [c.effect for c in view.accepted if isinstance(c.effect, _Line)]
-    for line in sorted(lines, key=lambda one: one.frequency.error):
-        if all(_are_apart(line, other) for other in (*own, *found)) and not _is_left_out(
-            line, view
-        ):
+    fitted = (line for line in lines if not _is_left_out(line, view))
+    for line in sorted(fitted, key=lambda one: one.frequency.error):
+        if all(_are_apart(line, other) for other in (*own, *found)):
             found.append(line)
     return tuple(found)
 

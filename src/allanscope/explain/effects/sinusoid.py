@@ -32,7 +32,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
-from allanscope.explain.regression import Regression, joint_fit
+from allanscope.explain.regression import joint_fit
 from allanscope.explain.running_level import may_hold_a_line, running_level
 from allanscope.explain.slow_waves import SlowWaves
 from allanscope.explain.stationarity import constancy
@@ -241,7 +241,9 @@ def _at(view: View, frequency: float, *, is_known: bool = False) -> Candidate:
     if not is_known:
         frequency = _peak(view.data, rate, frequency, 0.75 / duration)
     if frequency * duration < _SLOW_CYCLES:
-        frequency, fit = _slow_fit(view, frequency)
+        if not is_known:
+            frequency = _slow_peak(view, frequency)
+        fit = joint_fit(view, _slow_pair(view.grid, frequency))
         pair = _pair(view, frequency)
         gain, amplitudes = fit.gain, fit.amplitude
         error = float(np.sqrt(np.trace(fit.covariance) / 2))
@@ -342,7 +344,7 @@ def _slow_lines(view: View) -> list[float]:
     return found[:1]
 
 
-def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
+def _slow_peak(view: View, frequency: float) -> float:
     duration = view.grid.n / view.grid.rate_hz
     spread, lowest = 0.5 / duration, _FEWEST_CYCLES * 0.9 / duration
     frequency = max(frequency, lowest)  # a slower drift draws it down, a little with every fit
@@ -351,8 +353,7 @@ def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
         return -joint_fit(view, _slow_pair(view.grid, f), rounds=4).gain
 
     low, high = max(frequency - spread, lowest), frequency + spread
-    best, _ = minimise_between(loss, low, high, within=0.01 / duration)
-    return best, joint_fit(view, _slow_pair(view.grid, best))
+    return minimise_between(loss, low, high, within=0.01 / duration)[0]
 
 
 @lru_cache(maxsize=2)  # all axes of a record are scanned alike

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from allanscope.noise import relative_bounds
-from allanscope.noise.components import BandPassed, Narrowband, PeakFiltered, WanderingLine, White
+from allanscope.noise.components import (
+    BandPassed,
+    MovingLine,
+    Narrowband,
+    PeakFiltered,
+    WanderingLine,
+    White,
+)
 from allanscope.noise.filters import Butterworth
 from allanscope.noise.grid import Grid
 
@@ -20,13 +27,28 @@ def test_a_narrow_band_is_summed_over_its_ordinates(kind, bandwidth, stride):
     np.testing.assert_allclose(grid.column(band)[seen], each[seen], rtol=1e-4)
 
 
+@pytest.mark.parametrize("bandwidth", [1e-5, 1e-3, 0.01, 0.3, 2.0])
 @pytest.mark.parametrize("stride", [1, 8])
-@pytest.mark.parametrize("kind", [Narrowband, PeakFiltered, WanderingLine, White])
-def test_what_a_component_gives_every_ordinate_is_its_spectrum_there(kind, stride):
-    grid = Grid(6001, 104.0 / stride, stride)
-    one = kind(2.0) if kind is White else kind(2.0, 3.7, 0.01)
-    every = one.spectrum(grid.frequency, grid.dt, stride)
-    np.testing.assert_allclose(grid.everywhere(one), every, rtol=1e-10)
+@pytest.mark.parametrize("kind", [Narrowband, PeakFiltered, WanderingLine, BandPassed])
+def test_a_peak_is_interpolated_between_nodes_beside_it(kind, stride, bandwidth):
+    grid = Grid(600_001, 104.0 / stride, stride)
+    above = (59.3,) if kind in (Narrowband, WanderingLine) else ()  # is seen at its alias
+    for frequency in (3.7, *above):
+        band = kind(2.0, frequency, bandwidth)
+        nodes = grid.nodes_beside(band.peaks)
+        at = nodes * (grid.rate_hz / 2 / grid.n)
+        found = grid.interpolate(band.spectrum(at, grid.dt, stride), nodes)
+        every = band.spectrum(grid.frequency, grid.dt, stride)
+        seen = every > 1e-6 * every.max()
+        np.testing.assert_allclose(found[seen], every[seen], rtol=2e-3)
+
+
+def test_each_peak_of_a_line_that_moves_has_nodes():
+    grid = Grid(300_001, 104.0)
+    line = MovingLine(2.0, 3.7, 0.01, (-0.5, -0.2, 0.0, 0.3, 0.6))
+    nodes = grid.nodes_beside(line.peaks)
+    found = grid.interpolate(line.spectrum(nodes * grid.frequency[0], grid.dt), nodes)
+    np.testing.assert_allclose(found, line.spectrum(grid.frequency, grid.dt), rtol=2e-3)
 
 
 @pytest.mark.parametrize("rows", [3, 130, 5000, 70_001])

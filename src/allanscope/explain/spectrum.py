@@ -130,23 +130,22 @@ class Spectrum:
     def ordinates(self) -> Array:
         """Variance of every ordinate, shape (n - 1,).
 
-        The first ones are exact, smooth ones further up interpolated, but for filters with ripples.
+        The first ones are exact, those further up interpolated, but for filters with ripples.
         """
         grid, model, every = self.grid, self.model, self.grid.frequency
-        nodes = grid.nodes * (grid.rate_hz / (2 * grid.n))
-        smooth = [c for c in model if not c.is_narrow]
-        narrow = [c for c in model if c.is_narrow]
+        nodes = grid.nodes_beside(peak for one in model for peak in one.peaks)
+        at = nodes * (grid.rate_hz / (2 * grid.n))
+
+        def of(one: Component) -> Array:
+            # In a record shorter than it lasts, a peak has other even than odd ordinates.
+            return one.spectrum(at, grid.dt, grid.stride) if one.peaks else grid.at(one, at)
+
         if any(one.has_ripples for one in model.filters):
             passed = model.passing(every)
-            total = self._sum(smooth, lambda c: grid.interpolate(grid.at(c, nodes)), every, passed)
+            total = self._sum(model, lambda one: grid.interpolate(of(one), nodes), every, passed)
         else:
-            passed = model.passing_with(grid.node_response)
-            total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes, passed))
-            passed = model.passing_with(lambda one: grid.interpolate(grid.node_response(one)))
-        at_first, first = model.passing_with(grid.first_response), every[: grid.low]
-        total[: grid.low] = self._sum(smooth, lambda c: grid.first(c, grid.low), first, at_first)
-        if narrow:
-            total += self._sum(narrow, grid.everywhere, every, passed)
+            total = grid.interpolate(self._sum(model, of, at, model.passing(at)), nodes)
+        total[: grid.low] = self.first(grid.low)
         return total
 
     @once

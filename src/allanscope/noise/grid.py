@@ -9,6 +9,7 @@ into a bin depends on the grid alone, so it is computed once for all axes of a r
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 
 from allanscope.compiled import Pointer, kernel
 from allanscope.lazy import once
-from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.part import Component, Filter
 
 __all__ = ["Grid", "Ranges", "grid_of"]
@@ -47,6 +47,8 @@ _RESOLVED = 16.0
 """Least width of a band in ordinates: those within twice that are taken one by one."""
 _AWAY = np.concatenate([np.linspace(0.0, 2.0, 33), np.geomspace(2.0, 1e8, 96)[1:]])
 """Distances from a band, in bandwidths, at which it is cut finer than the bins are."""
+_BESIDE = np.concatenate([np.linspace(0.0, 2.0, 257), np.geomspace(2.0, 1e8, 512)[1:]])
+"""Those between which the logarithm of its density is a line, within 1e-3."""
 _TOP_NODES = 4096
 """Nodes from half of the Nyquist frequency on, where filters bend the density."""
 _FINEST_NODES = 64
@@ -164,10 +166,6 @@ class Grid:
         """Return the power response of a filter at the first ordinates, those kept one by one."""
         return _first_response(self, low_pass)
 
-    def node_response(self, low_pass: Filter) -> Array:
-        """Return the power response of a filter at the nodes."""
-        return _node_response(self, low_pass)
-
     def first(self, component: Component, m: int) -> Array:
         """Return the mean squares of the first m ordinates, of those kept one by one."""
         return component.power * _first(self, component.with_power(1.0))[:m]
@@ -191,22 +189,29 @@ class Grid:
         nodes = np.concatenate([first[:1], centre, last[-1:], top, finest])
         return np.unique(nodes[nodes >= 1])
 
-    def interpolate(self, at_nodes: Array) -> Array:
-        """Return every ordinate of something positive that is known at the nodes."""
+    def nodes_beside(self, peaks: Iterable[tuple[float, float]]) -> Array:
+        """Return the nodes, and those that peaks of a (centre, width) in Hz need."""
+        nodes = [self.nodes]
+        spacing = self.rate_hz / (2 * self.n)
+        for frequency, width in peaks:
+            near = _BESIDE * max(width / spacing, _RESOLVED / 2)
+            centre = self.alias(frequency) / spacing
+            nodes.append(np.round(np.concatenate([centre - near, centre + near])))
+        if len(nodes) == 1:
+            return self.nodes
+        every = np.unique(np.concatenate(nodes))
+        return every[(every >= 1) & (every <= self.n - 1)]
+
+    def alias(self, frequency: float) -> float:
+        """Return where a frequency in Hz is seen in the rows."""
+        return abs(frequency - self.rate_hz * round(frequency / self.rate_hz))
+
+    def interpolate(self, at_nodes: Array, nodes: Array | None = None) -> Array:
+        """Return every ordinate of something positive that is known at the nodes, or at others."""
+        nodes = self.nodes if nodes is None else nodes
         logarithms, found = np.log(np.maximum(at_nodes, 1e-300)), np.empty(self.n - 1)
-        _between(self.nodes, logarithms, len(logarithms), self.n - 1, found)
+        _between(nodes, logarithms, len(logarithms), self.n - 1, found)
         return found
-
-    def everywhere(self, component: Component) -> Array:
-        """Return the mean square of every ordinate of a component, however narrow it is."""
-        if isinstance(component, Correlated):
-            return component.covariance(self.dt).averaged(self.stride).at(self.square)
-        return component.spectrum(self.frequency, self.dt, self.stride)
-
-    @once
-    def square(self) -> Array:
-        """2 sin^2 of half the phase from one row to the next in every ordinate."""
-        return np.asarray(2 * np.sin(np.arange(1, self.n) * (np.pi / (2 * self.n))) ** 2)
 
 
 @lru_cache(maxsize=16)
@@ -243,7 +248,7 @@ def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) 
     for the ordinates in it.
     """
     spacing = grid.rate_hz / (2 * grid.n)
-    alias = abs(frequency - grid.rate_hz * round(frequency / grid.rate_hz)) / spacing
+    alias = grid.alias(frequency) / spacing
     away = _AWAY * max(width / spacing, _RESOLVED)
     ends = np.array(unit.corners(grid.dt)) / spacing - 0.5
     around = np.concatenate([alias - away, alias + away, np.round(ends)])
@@ -275,11 +280,6 @@ def _rippled(grid: Grid, low_pass: Filter) -> Array:
 @lru_cache(maxsize=16)  # a search changes the components more often than the filters
 def _first_response(grid: Grid, low_pass: Filter) -> Array:
     return low_pass.response(grid.frequency[: grid.low], grid.dt)
-
-
-@lru_cache(maxsize=16)
-def _node_response(grid: Grid, low_pass: Filter) -> Array:
-    return low_pass.response(grid.nodes * (grid.rate_hz / (2 * grid.n)), grid.dt)
 
 
 @lru_cache(maxsize=64)

@@ -135,6 +135,11 @@ class Component(Part):
         return None
 
     @property
+    def peaks(self) -> tuple[tuple[float, float], ...]:
+        """Centres and widths in Hz of the peaks of its density."""
+        return () if self.band is None else (self.band,)
+
+    @property
     def is_narrow(self) -> bool:
         """Whether there is such a band."""
         return self.band is not None

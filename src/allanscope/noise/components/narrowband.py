@@ -105,6 +105,11 @@ class MovingLine(WanderingLine):
         """Mean centre, and the range that all bandwidths cover."""
         return self.frequency, self.bandwidth + max(self.offsets) - min(self.offsets)
 
+    @property
+    def peaks(self) -> tuple[tuple[float, float], ...]:
+        """Each centre, with the bandwidth."""
+        return tuple((self.frequency + offset, self.bandwidth) for offset in self.offsets)
+
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
         centres = 2 * np.pi * dt * (self.frequency + np.array(self.offsets))

@@ -12,7 +12,7 @@ from scipy.signal import butter, lfilter
 from allanscope.explain import explain
 from allanscope.explain.heldout import _contradiction
 from allanscope.explain.shock_removal import _tail, quiet_rows
-from allanscope.explain.shock_rows import _running_median, find_shock_rows
+from allanscope.explain.shock_rows import Levelled, _running_median, find_shock_rows
 
 SIGMA = 4e-3 * 52.0**0.5
 AT_S, LASTS_S = 130.0, 1.5
@@ -153,7 +153,7 @@ def test_a_level_that_leaves_and_returns_on_three_axes_is_no_shock(bench):
     b = bench(612, 300.0)
     box = np.where((b.t >= 100) & (b.t < 102), 12 * SIGMA, 0.0)
     axes = {axis: b.noise() + box for axis in ("gx", "gy", "gz")}
-    assert find_shock_rows(axes, 52.0, dict.fromkeys(axes, 1e-4)) == []
+    assert shocks_of(axes, 52.0, 1e-4) == []
 
 
 def test_pieces_of_a_shock_contradict_a_step_and_a_true_step_does_not(bench):
@@ -200,8 +200,15 @@ def soft(rng, peak, decay_s=0.4, hz=15.6, at=20.0, seconds=40.0):
 
 def shocks(*axes, rate=RATE, step=0.125):
     """Return what is found in rows of some axes."""
-    rows = dict(zip(("gx", "gy", "gz"), axes, strict=False))
-    return find_shock_rows(rows, rate, dict.fromkeys(rows, step))
+    return shocks_of(dict(zip(("gx", "gy", "gz"), axes, strict=False)), rate, step)
+
+
+def shocks_of(axes, rate, step):
+    """Return the same of axes with their names."""
+    levelled = [Levelled(axis, rows, rate, step) for axis, rows in axes.items()]
+    rows = np.array(list(axes.values()))
+    repeated = np.append(False, np.all(rows[:, 1:] == rows[:, :-1], axis=0))
+    return find_shock_rows(levelled, repeated)
 
 
 def test_what_rings_for_many_rows_is_a_shock_though_none_is_loud():
@@ -305,7 +312,7 @@ def test_an_end_of_the_record_that_is_off_the_level_is_taken_out(bench, end, off
 def test_a_warm_up_is_no_end_that_is_off(bench, tau_s):
     b = bench(612, 600.0)
     rows = b.noise() + 100 * SIGMA * np.exp(-b.t / tau_s)
-    assert not find_shock_rows({"gx": rows}, 52.0, {"gx": 1e-3})
+    assert not shocks_of({"gx": rows}, 52.0, 1e-3)
 
 
 def test_a_slow_wave_and_a_random_walk_are_off_no_end(bench):
@@ -315,7 +322,7 @@ def test_a_slow_wave_and_a_random_walk_are_off_no_end(bench):
         wave = b.noise() + 100 * SIGMA * np.sin(2 * np.pi * b.t / period + phase)
         walk = np.cumsum(b.rng.normal(0, SIGMA, len(b.t)))
         for rows in (wave, walk):
-            assert not find_shock_rows({"gx": rows}, 52.0, {"gx": 1e-4})
+            assert not shocks_of({"gx": rows}, 52.0, 1e-4)
 
 
 def test_a_level_that_is_another_one_for_seconds_is_one_excursion(bench):
@@ -378,10 +385,10 @@ def test_rows_of_noise_that_is_louder_for_a_while_are_no_shock(seed, rows):
     rng = np.random.default_rng([seed, rows, 3])
     x = rng.normal(size=rows) * 0.04
     x[int(0.45 * rows) : int(0.55 * rows)] *= 3
-    assert find_shock_rows({"gx": x}, 100.0, {"gx": 1e-9}) == []
+    assert shocks_of({"gx": x}, 100.0, 1e-9) == []
     t = np.arange(rows) / 100.0
     x += ringing(t, 1.0, at=rows / 500.0)
-    (found,) = find_shock_rows({"gx": x}, 100.0, {"gx": 1e-9})
+    (found,) = shocks_of({"gx": x}, 100.0, 1e-9)
     assert abs(found.first - rows / 5) < 20
 
 

@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter1d
 
 from allanscope.allan import AllanBank, Deviation
 from allanscope.explain.shock_removal import extent_of, quiet_rows, with_pulse
-from allanscope.explain.shock_rows import ShockRows, find_shock_rows
+from allanscope.explain.shock_rows import Levelled, ShockRows, find_shock_rows
 from allanscope.history import Record
 from allanscope.lazy import once
 from allanscope.median import medians
@@ -237,9 +237,29 @@ class Series:
     @once
     def shocks(self) -> tuple[ShockRows, ...]:
         """Shocks, on whichever axis."""
-        rows = {axis: np.ascontiguousarray(self.values[:, k]) for k, axis in enumerate(self.axes)}
-        steps = dict(zip(self.axes, self.lsb, strict=True))
-        return tuple(find_shock_rows(rows, self.rate_hz, steps, self.stride))
+        return self.shocks_in()
+
+    def shocks_in(self, **others: Array) -> tuple[ShockRows, ...]:
+        """Return the shocks where axes have other rows than were measured."""
+        axes = (
+            Levelled(one.axis, others[one.axis], self.rate_hz, one.step, self.stride)
+            if one.axis in others
+            else one
+            for one in self.levelled
+        )
+        return tuple(find_shock_rows(tuple(axes), self.repeated))
+
+    @once
+    def levelled(self) -> tuple[Levelled, ...]:
+        """The axes as shocks are looked for in them."""
+        rows = map(np.ascontiguousarray, self.values.T)
+        known = zip(self.axes, rows, self.lsb, strict=True)
+        return tuple(Levelled(axis, x, self.rate_hz, q, self.stride) for axis, x, q in known)
+
+    @once
+    def repeated(self) -> NDArray[np.bool_]:
+        """Rows that equal the row before on all axes: they were sent twice."""
+        return np.append(False, np.all(self.values[1:] == self.values[:-1], axis=1))
 
     @property
     def all_shocks(self) -> frozenset[int]:

@@ -14,7 +14,7 @@ at either end that are away from the level need not swing, as they have one side
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -26,10 +26,11 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from allanscope.compiled import Pointer, kernel
 from allanscope.explain.burst_rows import Burst, find_bursts
 from allanscope.explain.noise_level_border import rows_of_border
+from allanscope.lazy import once
 from allanscope.median import median, medians
 from allanscope.quantities import MAD_TO_SIGMA
 
-__all__ = ["ShockRows", "find_shock_rows"]
+__all__ = ["Levelled", "ShockRows", "find_shock_rows"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -134,49 +135,108 @@ class _Group:
 
 @dataclass(frozen=True)
 class _Away:
-    """How far one axis is from its level, in robust deviations: rows, and means of some rows.
+    """How far the rows of one axis are from its level, in robust deviations.
 
-    And how far that level goes from end to end.
+    With the deviation, that of means of some rows in units of it, and how far the level goes from
+    end to end.
     """
 
     rows: Array
-    means: tuple[Array, ...]
     sigma: float
+    scales: tuple[float, ...]
     wanders: float
 
     def beyond(self, limit: float, part: slice = slice(None)) -> Flags:
         """Tell which rows, or means of some rows, are far away: vibration hides a slower swing."""
+        first, stop, _ = part.indices(len(self.rows))
         found = np.abs(self.rows[part]) > limit
-        for mean in self.means:
-            found |= np.abs(mean[part]) > limit
+        begin = max(0, first - _MEANS[-1])
+        means = _means(self.rows[begin : stop + _MEANS[-1]])
+        for mean, scale in zip(means, self.scales, strict=True):
+            if scale > 0:
+                found |= np.abs(mean[first - begin : stop - begin]) > limit * scale
         return np.asarray(found)
 
 
-def find_shock_rows(
-    axes: Mapping[str, Array], rate_hz: float, steps: Mapping[str, float], stride: int = 1
-) -> list[ShockRows]:
+def _means(rows: Array) -> list[Array]:
+    """Return means of rows in deviations: one bad sample makes no loud mean."""
+    kept = np.clip(rows, -_LOUD, _LOUD)
+    return [uniform_filter1d(kept, size, mode="reflect") for size in _MEANS]
+
+
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """One axis as shocks are looked for in it: what is known of it is computed once.
+
+    Parameters
+    ----------
+    axis : str
+        Its name.
+    rows : ndarray, shape (n,)
+        Equally spaced.
+    rate_hz : float
+        Rows per second.
+    step : float
+        Least difference of its samples.
+    stride : int
+        Samples of which a row is the mean.
+    """
+
+    axis: str
+    rows: Array
+    rate_hz: float
+    step: float
+    stride: int = 1
+
+    @property
+    def window(self) -> int:
+        """Rows of the running median."""
+        return int(_WINDOW_S * self.rate_hz) | 1
+
+    @once
+    def away(self) -> _Away | None:
+        """How far it is from its level; None where it never is."""
+        return _away(self.rows, self.window, self.step, self.stride)
+
+    @once
+    def groups(self) -> list[_Group]:
+        """Its groups of loud rows."""
+        return [] if self.away is None else _groups(self.axis, self.away, self.rate_hz)
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether its rows tell what rings softly."""
+        return self.away is not None and self.away.sigma > _FINEST * self.step
+
+    def bursts(self, axes: int, repeated: Flags) -> tuple[list[Burst], float]:
+        """Return what `find_bursts` finds in it, of so many axes that are searched."""
+        if axes not in self._bursts:
+            assert self.away is not None
+            self._bursts[axes] = find_bursts(self.away.rows, self.rate_hz, axes, repeated)
+        return self._bursts[axes]
+
+    @once
+    def _bursts(self) -> dict[int, tuple[list[Burst], float]]:
+        return {}
+
+
+def find_shock_rows(axes: Sequence[Levelled], repeated: Flags) -> list[ShockRows]:
     """Return the shocks of a record, the first one first.
 
     Parameters
     ----------
-    axes : mapping
-        Axis to its rows, equally spaced.
-    steps : mapping
-        Axis to the least difference of its samples.
-    stride : int
-        Samples of which a row is the mean.
+    axes : sequence of Levelled
+        All axes of the record.
+    repeated : ndarray of bool, shape (n,)
+        Rows that equal the row before on all axes: they were sent twice.
     """
-    window = int(_WINDOW_S * rate_hz) | 1
-    size = len(next(iter(axes.values())))
-    if window < _FEWEST_ROWS or size < 4 * window:
+    rate_hz, size = axes[0].rate_hz, len(axes[0].rows)
+    if axes[0].window < _FEWEST_ROWS or size < 4 * axes[0].window:
         return []
     with ThreadPoolExecutor(get_workers()) as pool:  # as many as a transform may have
-        found_away = pool.map(lambda axis: _away(axes[axis], window, steps[axis], stride), axes)
-        away = {axis: one for axis, one in zip(axes, found_away, strict=True) if one is not None}
-    groups = [group for axis, one in away.items() for group in _groups(axis, one, rate_hz)]
-    repeated = np.zeros(size, bool)  # a row that is sent twice is so on all axes
-    repeated[1:] = np.all([x[1:] == x[:-1] for x in axes.values()], axis=0)
-    found, looked_at = _soft(away, groups, rate_hz, steps, repeated)
+        groups = [group for found in pool.map(lambda one: one.groups, axes) for group in found]
+    away = {one.axis: one.away for one in axes if one.away is not None}
+    found, looked_at = _soft(axes, groups, repeated)
     for first, stop in _events(groups, rate_hz):
         part = slice(first, stop)
         moved = {
@@ -185,22 +245,19 @@ def find_shock_rows(
             if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
         }
-        squares = np.mean([away[axis].rows ** 2 for axis in moved], axis=0)
-        onset = _onset(squares, first, stop, len(moved))
+        onset = _onset([away[axis].rows for axis in moved], first, stop)
         found.append(ShockRows(first, stop, moved, onset, looked_at))
-    found = _with_ends(found, _at_ends(axes, window, steps), size, looked_at)
+    found = _with_ends(found, _at_ends(axes), size, looked_at)
     return sorted(found, key=lambda one: one.first)
 
 
-def _at_ends(
-    axes: Mapping[str, Array], window: int, steps: Mapping[str, float]
-) -> dict[bool, dict[str, tuple[int, float]]]:
+def _at_ends(axes: Iterable[Levelled]) -> dict[bool, dict[str, tuple[int, float]]]:
     """Return for the end, and the beginning, of a record: axis to off-level rows and deviation."""
     ends: dict[bool, dict[str, tuple[int, float]]] = {False: {}, True: {}}
-    for axis, x in axes.items():
-        for at_end, rows in ((False, x), (True, x[::-1])):
-            if found := _off_at_first(rows, window, steps[axis]):
-                ends[at_end][axis] = found
+    for one in axes:
+        for at_end, rows in ((False, one.rows), (True, one.rows[::-1])):
+            if found := _off_at_first(rows, one.window, one.step):
+                ends[at_end][one.axis] = found
     return ends
 
 
@@ -253,26 +310,23 @@ def _with_ends(
 
 
 def _soft(
-    away: Mapping[str, _Away],
-    groups: list[_Group],
-    rate_hz: float,
-    steps: Mapping[str, float],
-    repeated: Flags,
+    axes: Sequence[Levelled], groups: list[_Group], repeated: Flags
 ) -> tuple[list[ShockRows], float]:
     """Return what rings softly, away from what is loud, and the log of what was looked at."""
-    rows = {axis: one.rows for axis, one in away.items() if one.sigma > _FINEST * steps[axis]}
-    looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
+    fine = [one for one in axes if one.is_fine]
+    rate_hz = axes[0].rate_hz
+    looked_at = float(np.log(len(axes[0].rows)))
     with ThreadPoolExecutor(get_workers()) as pool:
-        each = list(pool.map(lambda x: find_bursts(x, rate_hz, len(rows), repeated), rows.values()))
+        each = list(pool.map(lambda one: one.bursts(len(fine), repeated), fine))
     if each:
         looked_at = each[0][1]  # the same for every axis
     found = [
-        (axis, burst)
-        for axis, (bursts, _) in zip(rows, each, strict=True)
+        (one, burst)
+        for one, (bursts, _) in zip(fine, each, strict=True)
         for burst in bursts
         if not _is_near(burst, groups, rate_hz)
     ]
-    sets: list[list[tuple[str, Burst]]] = []
+    sets: list[list[tuple[Levelled, Burst]]] = []
     for one in sorted(found, key=lambda pair: pair[1].first):
         if sets and one[1].first < max(burst.stop for _, burst in sets[-1]):
             sets[-1].append(one)
@@ -281,7 +335,7 @@ def _soft(
     short = [s for s in sets if s[-1][1].first - s[0][1].first < _SHORT_S * rate_hz]
     if len(short) > _MOST_SHOCKS:
         return [], looked_at
-    return [_ringing(members, away, looked_at) for members in short], looked_at
+    return [_ringing(members, looked_at) for members in short], looked_at
 
 
 def _is_near(burst: Burst, groups: list[_Group], rate_hz: float) -> bool:
@@ -293,26 +347,26 @@ def _is_near(burst: Burst, groups: list[_Group], rate_hz: float) -> bool:
     )
 
 
-def _ringing(
-    members: list[tuple[str, Burst]], away: Mapping[str, _Away], looked_at: float
-) -> ShockRows:
+def _ringing(members: list[tuple[Levelled, Burst]], looked_at: float) -> ShockRows:
     """Return bursts of several axes and decay times at one time as one shock."""
     rings: dict[str, Burst] = {}
-    for axis, burst in members:
-        if axis not in rings or burst.gain > rings[axis].gain:
-            rings[axis] = burst
+    sigma: dict[str, float] = {}
+    for one, burst in members:
+        if one.axis not in rings or burst.gain > rings[one.axis].gain:
+            rings[one.axis] = burst
+        if one.away is not None:
+            sigma[one.axis] = one.away.sigma
     best = max(rings.values(), key=lambda burst: burst.gain)
-    sigma = {axis: away[axis].sigma for axis in rings}
     return ShockRows(best.first, best.stop, sigma, best.onset, looked_at, rings)
 
 
-def _onset(squares: Array, first: int, stop: int, axes: int) -> tuple[float, float, float]:
-    """Return when it begins, in rows, from the mean squares of the axes that are moved."""
+def _onset(moved: Sequence[Array], first: int, stop: int) -> tuple[float, float, float]:
+    """Return when it begins, in rows, from the mean square of the axes that are moved."""
     begin, end = max(0, first - _AROUND), min(stop, first + _AROUND)
-    swings = squares[begin:end]
+    swings = np.mean([rows[begin:end] ** 2 for rows in moved], axis=0)
     # Near 0 the density of a swing is that of a Gaussian of pi times its mean square.
     loud = np.pi * max(float(uniform_filter1d(swings, _MEANS[-1]).max()), _LOUD)
-    rows = rows_of_border(swings, 1.0, loud, weight=float(axes))
+    rows = rows_of_border(swings, 1.0, loud, weight=float(len(moved)))
     median, low, high = (begin + row for row in rows)
     return median, low, high
 
@@ -324,11 +378,9 @@ def _away(x: Array, window: int, step: float, stride: int) -> _Away | None:
     sigma = _deviation(away, step)
     if sigma <= 0:
         return None
-    kept = np.clip(away, -_LOUD * sigma, _LOUD * sigma)  # one bad sample makes no loud mean
-    means = [uniform_filter1d(kept, rows, mode="reflect") for rows in _MEANS]
-    scales = [_deviation(mean) for mean in means]
-    scaled = tuple(m / s for m, s in zip(means, scales, strict=True) if s > 0)
-    return _Away(away / sigma, scaled, sigma, float(np.ptp(level)) / sigma)
+    away /= sigma
+    scales = tuple(_deviation(mean) for mean in _means(away))
+    return _Away(away, sigma, scales, float(np.ptp(level)) / sigma)
 
 
 def _running_median(x: Array, window: int, step: float) -> Array:

@@ -33,7 +33,7 @@ from allanscope.explain.shock_removal import (
     quiet_rows,
     with_pulse,
 )
-from allanscope.explain.shock_rows import ShockRows, find_shock_rows
+from allanscope.explain.shock_rows import ShockRows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.quantities import MAD_TO_SIGMA
@@ -140,12 +140,10 @@ class Shock(EffectKind):
 
 def _shaken(view: View) -> Iterable[ShockRows]:
     """Return the shocks of the record; where a coupling is known, those in what it leaves."""
-    if not any("source" in c.effect.parameters for c in view.accepted):
+    coupled = (c for c in view.accepted if "source" in c.effect.parameters)
+    if all(c.signal is None for c in coupled):
         return view.series.shocks
-    axes = view.series.axes
-    rows = {axis: view.series.source(axis).rows for axis in axes} | {view.axis: view.data}
-    steps = dict(zip(axes, view.series.lsb, strict=True))
-    return find_shock_rows(rows, view.grid.rate_hz, steps, view.series.stride)
+    return view.series.shocks_in(**{view.axis: view.data})
 
 
 def _ends(effect: EffectKind) -> list[float]:

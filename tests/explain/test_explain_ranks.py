@@ -461,7 +461,7 @@ def test_what_leaks_in_is_no_noise_of_the_axis():
         tilt = lfilter([1.0], [1.0, -keep], 3 * np.sqrt(1 - keep**2) * rng.standard_normal(n))
         source = tilt + 0.3 * rng.standard_normal(n)
         view = view_of(rng.standard_normal(n) + slope * source, source)
-        found = cross_coupling._candidate(view, "gy", view.ordinates).effect
+        found = cross_coupling._candidate(view, "gy", cross_coupling._Own.of(view)).effect
         away.append((found.slope.value - slope) / found.slope.error)
     assert abs(np.std(away) - 1.0) < 0.14  # 3 standard errors; 0.77 with the leak as noise
     assert abs(np.mean(away)) < 0.2

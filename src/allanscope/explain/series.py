@@ -219,6 +219,11 @@ class Series:
         return {}
 
     @once
+    def directions(self) -> dict[tuple[str, str], float]:
+        """What tells in nats that one axis takes from another, as `CrossCoupling` found it."""
+        return {}
+
+    @once
     def steps_of_noise(self) -> dict[tuple[str, float], float]:
         """Noise of an axis beneath the rounding to a step, as `Quantization` found it."""
         return {}

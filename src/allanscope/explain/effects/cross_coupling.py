@@ -119,13 +119,12 @@ class CrossCoupling(EffectKind):
         """Regress on every other axis."""
         taken = {c.effect.source.value for c in view.accepted if isinstance(c.effect, cls)}
         free = [a for a in view.series.axes if a != view.axis and a not in taken]
-        own = _without_temperature(view, view.ordinates)
+        own = _Own.of(view)
         return [found for a in free if (found := _candidate(view, a, own)) is not None]
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate the slope again."""
-        own = _without_temperature(view, view.ordinates)
-        return _candidate(view, str(self.source.value), own)
+        return _candidate(view, str(self.source.value), _Own.of(view))
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the other axis from there on with the slope that is known."""
@@ -141,11 +140,34 @@ class CrossCoupling(EffectKind):
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the slope by interleaved blocks; quarters must agree."""
-        own = _without_temperature(view, view.ordinates)
         name = str(self.source.value)
-        found = _followed(view, name, own)
+        found = _followed(view, name, _Own.of(view))
         source = view.sources(name)[0] if found is None else found.source
         return interleaved_signal(view, source.rows[np.newaxis], candidate.gain)
+
+
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """An axis as it is regressed on others.
+
+    Attributes
+    ----------
+    ordinates : ndarray, shape (n - 1,)
+        Without the temperature.
+    weight : ndarray, shape (n - 1,)
+        What each counts: the inverse of the noise; nothing where the axis has a line.
+    """
+
+    ordinates: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, view: View) -> Self:
+        known, noise = view.series.source(view.axis, view.shocks_taken), view.spectrum.ordinates
+        loud = known.loud | known.lines | (view.squares > LOUD * noise)
+        weight = (view.spectrum.kept & ~loud) / noise
+        weight[:_FIRST] = 0.0
+        return cls(_without_temperature(view, view.ordinates), weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,33 +196,25 @@ class _Followed:
         return self.slope**2 * self.normal / 2
 
 
-def _followed(view: View, name: str, d: Array) -> _Followed | None:
-    """Regress the ordinates of an axis, `d` without the temperature, on those of a source.
-
-    Of what may be out of the source, as the data are likelier.
-    """
-    found = (_regressed(view, source, d) for source in view.sources(name))
+def _followed(view: View, name: str, own: _Own) -> _Followed | None:
+    """Regress an axis on a source. Of what may be out of that, as the data are likelier."""
+    found = (_regressed(view, source, own) for source in view.sources(name))
     return max(filter(None, found), key=lambda one: one.gain, default=None)
 
 
-def _regressed(view: View, source: Source, d: Array) -> _Followed | None:
-    if not np.any(source.ordinates):
-        return None
+def _regressed(view: View, source: Source, own: _Own) -> _Followed | None:
     e = _without_temperature(view, source.ordinates)
-    own = view.series.source(view.axis, view.shocks_taken)
-    loud = source.loud | source.lines | own.lines
-    loud |= view.squares > LOUD * view.spectrum.ordinates
-    weight = (view.spectrum.kept & ~loud) / view.spectrum.ordinates
-    weight[:_FIRST] = 0.0
-    normal = float(np.sum(e * e * weight))
+    weight = np.where(source.loud | source.lines, 0.0, own.weight)
+    weighted = e * weight
+    normal = float(weighted @ e)
     if normal <= 0:
         return None
-    return _Followed(source, e, weight, float(np.sum(e * d * weight)) / normal, normal)
+    return _Followed(source, e, weight, float(weighted @ own.ordinates) / normal, normal)
 
 
-def _candidate(view: View, name: str, d: Array) -> Candidate | None:
-    """Return the coupling from a source as a candidate; `d` as in `_followed`."""
-    found = _followed(view, name, d)
+def _candidate(view: View, name: str, own: _Own) -> Candidate | None:
+    """Return the coupling from a source as a candidate."""
+    found, d = _followed(view, name, own), own.ordinates
     if found is None:
         return None
     alternatives = (len(view.series.axes) - 1) * len(view.sources(name))
@@ -210,7 +224,7 @@ def _candidate(view: View, name: str, d: Array) -> Candidate | None:
     # Of two that are one signal neither couples into the other.
     if multiple_of(view.series, view.axis, name) is not None or not _in_phase(view, found):
         return None
-    telling = _direction(view, name) / max(1.0, _UNEQUAL * found.gain / _AMBIGUOUS)
+    telling = _telling(view, name) / max(1.0, _UNEQUAL * found.gain / _AMBIGUOUS)
     if telling < -_AMBIGUOUS:
         return None
     column = view.series.column
@@ -335,6 +349,14 @@ def _in_phase(view: View, found: _Followed) -> bool:
             freedom += 1
     little = distance - freedom < _IN_QUADRATURE * 2 * found.gain
     return freedom == 0 or little or bool(chdtrc(freedom, distance) > _TURNED_P)
+
+
+def _telling(view: View, name: str) -> float:
+    """Return `_direction`, which the record tells whatever has been found."""
+    known = view.series.directions
+    if (view.axis, name) not in known:
+        known[view.axis, name] = _direction(view, name)
+    return known[view.axis, name]
 
 
 def _direction(view: View, name: str) -> float:

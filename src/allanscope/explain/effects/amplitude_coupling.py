@@ -270,9 +270,11 @@ class _Powers:
 
     def fit(self, known: NDArray[np.bool_] | slice = slice(None)) -> float:
         """Return the likeliest share of the known ones, whatever their freedom."""
+        power, beyond = self.power[known], (self.q / self.q.mean() - 1)[known]
 
-        def loss(share: float) -> float:
-            return -float(self._gains(share, known)[known].sum())
+        def loss(share: float) -> float:  # but for a constant, of each
+            factor = 1 + share * beyond
+            return float(np.log(factor).mean() + np.log((power / factor).mean()))
 
         return minimise_between(loss, 0.0, _MOST, within=1e-4)[0]
 

@@ -11,6 +11,7 @@ averages show.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar
@@ -154,4 +155,5 @@ class MovingAverage(LowPass):
 @lru_cache(maxsize=64)
 def _half_power(order: float) -> float:
     """Return x at which sinc(x)^(2 order) is one half."""
-    return root_between(lambda x: float(np.sinc(x)) - 0.5 ** (1 / (2 * order)), 1e-6, 1.0)
+    left = 0.5 ** (1 / (2 * order))
+    return root_between(lambda x: math.sin(math.pi * x) / (math.pi * x) - left, 1e-6, 1.0)

@@ -89,7 +89,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     for _ in range(budget.passes):
         before = len(view.accepted)
         for stage in sorted({kind.stage for kind in KINDS.values()}):
-            if settled.get(stage) is view:
+            if stage in settled and view.is_fitted_as(settled[stage], stage):
                 continue  # nothing has changed since: it would find nothing again
             view = settled[stage] = _settle(view, stage, budget, path)
             if stage == _LEVEL_AND_SPECTRUM:
@@ -149,7 +149,7 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
             view = split_bands(folded, path)
             former = candidates if view is folded else []
             if stage >= _LEVEL_AND_SPECTRUM:
-                view = _fitted(give_back(view, path), path)
+                view = _fitted_after(view, path)
         elif main and (beside := add_beside(view, kinds, candidates, path)) is not None:
             view, former = _fitted(beside, path), []
         elif main and (bundle := add_bundle(view, kinds, candidates, path)) is not None:
@@ -157,6 +157,13 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
         else:
             break
     return view
+
+
+def _fitted_after(view: View, path: SearchPath) -> View:
+    """Return the view fitted again after what was accepted last, if that concerns the others."""
+    given = give_back(view, path)
+    concerned = given is not view or view.accepted[-1].changes_model
+    return _fitted(given, path) if concerned else view
 
 
 def _fitted(view: View, path: SearchPath) -> View:

@@ -24,9 +24,9 @@ _BEYOND_DOUBT = 1000.0
 _MOST_REFUSED, _SUSPECTS, _CERTAIN = 2, 3, 6
 """Most effects that are refused after all, and how many of small and of large gain are tried each
 time: each is a fit."""
-_FAR = 10.0
-"""How many times what an estimate of the others has gained (and nats) may be missing after it for
-the next: that gains less."""
+_FAR, _LEAST = 10.0, 3.0
+"""How many times what an estimate of the others has gained, or so many nats, may be missing after
+it for the next: that gains less."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 _ABSURD = np.log(100.0)
@@ -94,7 +94,7 @@ def _taken_over(view: View, candidate: Candidate, path: SearchPath) -> View:
             continue
         gained = bare.spectrum.loglik - before.spectrum.loglik
         missing = _missing(view, bare, candidate)
-        if missing < 0 or missing > _FAR * max(gained, 1.0):
+        if missing < 0 or missing > _FAR * max(gained, _LEAST):
             break
     return bare
 

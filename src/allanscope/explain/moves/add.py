@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.effects import KINDS, EffectKind
 from allanscope.explain.effects.unexplained import united
@@ -188,20 +190,34 @@ def add_bundle(
     view: View, kinds: list[type[EffectKind]], candidates: list[Candidate], path: SearchPath
 ) -> View | None:
     """Return the view with a bundle, or None."""
-    slow = [kind for kind in kinds if kind.is_slow]
-    first = len(view.accepted)
-    trial = view
+    member = _best_slow(view, candidates, path.spent - _ALONE)
+    beside = sum(c.effect.stage == 2 for c in view.accepted)
+    if member is None or path.was_refused(member, beside, view.grid):
+        return None
+    bundle = _bundle(view, member, [kind for kind in kinds if kind.is_slow], path)
+    if bundle is None:
+        path.refuse(member, beside)
+    return bundle
+
+
+def _best_slow(view: View, candidates: list[Candidate], least: float = -np.inf) -> Candidate | None:
+    """Return the slow one that gains most of those that are worth looking behind."""
+    own = (c for c in candidates if c.effect.is_slow and c.gain > _PROMISING and c.excess > least)
+    ranked = (c.finished() for c in sorted(own, key=lambda c: -c.excess))
+    return next((c for c in ranked if not refused(view, c)), None)
+
+
+def _bundle(
+    view: View, member: Candidate | None, slow: list[type[EffectKind]], path: SearchPath
+) -> View | None:
+    """Return the view with a bundle that begins with one member, or None."""
+    first, trial = len(view.accepted), view
     for _ in range(_MOST):
         if trial is not view:
-            candidates = proposals(trial, slow, path)
-        own = [c for c in candidates if c.effect.is_slow and c.gain > _PROMISING]
-        if trial is view:
-            own = [c for c in own if path.spent - c.excess < _ALONE]
-        ranked = (c.finished() for c in sorted(own, key=lambda c: -c.excess))
-        best = next((c for c in ranked if not refused(trial, c)), None)
-        if best is None:
+            member = _best_slow(trial, proposals(trial, slow, path))
+        if member is None:
             return None
-        trial = trial.accept(best)
+        trial = trial.accept(member)
         gain = trial.spectrum.loglik - view.spectrum.loglik
         missing = path.spent + penalties(trial, first) - gain
         if missing > _HOPELESS:

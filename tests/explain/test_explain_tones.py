@@ -15,7 +15,7 @@ from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import Unexplained
 from allanscope.explain.moves.resolve_tones import _is_tail, _without_level_ends
 from allanscope.explain.series import series_of
-from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
+from allanscope.explain.stationarity import PowerInParts, bartlett_z, constancy, sweeps
 from allanscope.explain.view import View
 from allanscope.history import Record
 from support.thinned import RATE, thinned
@@ -32,8 +32,8 @@ def test_a_chirp_through_a_broad_band_is_unsteady_and_noise_in_it_is_not():
     low = 2 * np.exp(-np.pi * 10 / rate) * np.cos(2 * np.pi * 10 / rate)
     band = lfilter([1.0], [1.0, -low, np.exp(-2 * np.pi * 10 / rate)],
                    np.random.default_rng(5).normal(size=n))  # fmt: skip
-    assert bartlett_z(_noise_and(chirp), rate, 10.0, 8.0) > 15
-    assert abs(bartlett_z(_noise_and(band), rate, 10.0, 8.0)) < 4
+    assert bartlett_z(PowerInParts.of(_noise_and(chirp), rate), 10.0, 8.0) > 15
+    assert abs(bartlett_z(PowerInParts.of(_noise_and(band), rate), 10.0, 8.0)) < 4
 
 
 def line(frequency):
@@ -53,7 +53,7 @@ def test_a_line_of_few_waves_is_taken_to_be_one():
     few, growing = np.sin(2 * np.pi * 5 * t / t[-1]), t / t[-1] * np.sin(2 * np.pi * t)
     assert constancy(_noise_and(few) + walk, rate, 5 / t[-1]) == 1.0
     assert constancy(_noise_and(growing), rate, 1.0) < 1e-5
-    assert not sweeps(100 * np.sin(2 * np.pi * t), rate, 1.0, 0.05)
+    assert not sweeps(PowerInParts.of(100 * np.sin(2 * np.pi * t), rate), 1.0, 0.05)
 
 
 @pytest.mark.parametrize("where", [0.3, 0.6, 0.9])

@@ -15,6 +15,8 @@ the noise beside the process is scaled by the power of its part at all other fre
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,7 @@ from allanscope.noise.filters import made_white_share
 
 __all__ = [
     "UNSTEADY",
+    "PowerInParts",
     "bartlett_z",
     "bartlett_z_of",
     "constancy",
@@ -78,6 +81,39 @@ _SUMS, _LONG = range(128, 192), 4096
 they are used: five resolutions away they are low by a half per cent."""
 _TURNS = 1024
 """Samples after which the wave is computed afresh: rounding does not build up."""
+
+
+@dataclass(frozen=True, eq=False)
+class PowerInParts:
+    """Periodograms of equal parts of a record, by Hann's window.
+
+    Attributes
+    ----------
+    power : ndarray, shape (parts, m)
+        The mean square at every frequency, as of ordinates.
+    frequency : ndarray, shape (m,)
+        In Hz.
+    """
+
+    power: Array
+    frequency: Array
+
+    @classmethod
+    def of(cls, data: Array, rate: float, parts: int = _PARTS) -> PowerInParts:
+        """Cut samples at a rate in Hz into parts."""
+        n = len(data) // parts
+        window = np.hanning(n)
+        rows = (data[: n * parts] - data.mean()).reshape(parts, n)
+        power = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 / np.sum(window**2)
+        return cls(power, np.arange(power.shape[1]) * rate / n)
+
+    @classmethod
+    def of_view(cls, view: View, parts: int = _PARTS) -> PowerInParts:
+        """Return those of the data of a view, whatever its model is."""
+        known = view.of_data.setdefault(cls, {})
+        if parts not in known:
+            known[parts] = cls.of(view.data, view.grid.rate_hz, parts)
+        return cast("PowerInParts", known[parts])
 
 
 def reach_of(view: View, candidate: Candidate, least: float = _COUNTS) -> tuple[float, float]:
@@ -146,12 +182,8 @@ def _in_bands(after: View, f: Array) -> NDArray[np.bool_]:
 def _unsteadiness(
     view: View, after: View, candidate: Candidate, low: float, high: float, parts: int
 ) -> float:
-    rate = view.grid.rate_hz
-    n = len(view.data) // parts
-    window = np.hanning(n)
-    rows = (view.data[: n * parts] - view.data.mean()).reshape(parts, n)
-    power = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 / np.sum(window**2)
-    f = np.arange(power.shape[1]) * rate / n
+    known = PowerInParts.of_view(view, parts)
+    power, f = known.power, known.frequency
     process, rest = (np.append(1.0, share) for share in _shares(after, candidate, f[1:]))
     # Rounding is as loud in every part, and behind a filter it may be all there is at the top.
     kept = _open(view, f) & (view.fitted_floor < _ROUNDING * (process + rest))
@@ -249,23 +281,18 @@ def _near(
     return amplitudes
 
 
-def sweeps(data: Array, rate: float, frequency: float, bandwidth: float) -> bool:
+def sweeps(record: PowerInParts, frequency: float, bandwidth: float) -> bool:
     """Return whether a band is a tone that moves in one direction: a chirp, not noise in a band.
 
     The centre of the band's power is followed through the record. For noise, or a line that
     wanders to and fro, it goes up and down; for a chirp it is in the order of time.
     """
-    reach = 2.5 * bandwidth
-    low, high = max(frequency - reach, 0.0), min(frequency + reach, rate / 2)
-    centres = []
-    for part in np.array_split(data - data.mean(), _PARTS):
-        power = np.abs(np.fft.rfft(part * np.hanning(len(part)))) ** 2
-        f = np.arange(len(power)) * rate / len(part)
-        inside = (f >= low) & (f <= high)
-        if np.count_nonzero(inside) < 4:
-            return False
-        excess = np.maximum(power[inside] - np.median(power[inside]), 0.0)
-        centres.append(float(f[inside][np.argmax(excess)]))
+    inside = np.abs(record.frequency - frequency) <= _REACH * bandwidth
+    if np.count_nonzero(inside) < 4:
+        return False
+    power = record.power[:, inside]
+    excess = power - np.median(power, axis=1, keepdims=True)
+    centres = record.frequency[inside][np.argmax(excess, axis=1)].tolist()
     if np.ptp(centres) == 0:
         return False
     return bool(abs(_rank_correlation(centres)) > _IN_ORDER)
@@ -278,7 +305,7 @@ def _rank_correlation(values: list[float]) -> float:
     return float(np.corrcoef(np.arange(len(values)), ranks)[0, 1])
 
 
-def bartlett_z(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+def bartlett_z(record: PowerInParts, frequency: float, bandwidth: float) -> float:
     r"""Return by how many sigma the power in a band moves through the record more than noise does.
 
     The band and its surroundings are cut into cells of frequency and parts of time. A chirp through
@@ -288,18 +315,12 @@ def bartlett_z(data: Array, rate: float, frequency: float, bandwidth: float) -> 
 
     Parameters
     ----------
-    data : ndarray, shape (n,)
+    record : PowerInParts
         The samples.
-    rate : float
-        In Hz.
     frequency, bandwidth : float
         Of the band in Hz.
     """
-    n = len(data) // _PARTS
-    parts = (data[: n * _PARTS] - data.mean()).reshape(_PARTS, n) * np.hanning(n)
-    f = np.arange(n // 2 + 1) * rate / n
-    inside = np.abs(f - frequency) <= _REACH * bandwidth
-    power = np.abs(np.fft.rfft(parts, axis=1)[:, inside]) ** 2
+    power = record.power[:, np.abs(record.frequency - frequency) <= _REACH * bandwidth]
     size = max(4, power.shape[1] // _CELLS)
     starts = range(0, power.shape[1] - size + 1, size)
     cells = (power[:, start : start + size] for start in starts)

@@ -127,7 +127,7 @@ class View:
 
     @once
     def of_data(self) -> dict[type, Any]:
-        """What kinds of effects keep of the data, whatever the model is."""
+        """What is kept of the data, whatever the model is."""
         return {}
 
     @once

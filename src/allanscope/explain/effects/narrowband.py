@@ -32,6 +32,7 @@ from allanscope.explain.residual import removes
 from allanscope.explain.series import block_means
 from allanscope.explain.stationarity import (
     UNSTEADY,
+    PowerInParts,
     bartlett_z,
     bartlett_z_of,
     envelope_z,
@@ -223,12 +224,11 @@ class Narrowband(EffectKind):
 
     def lasts(self, view: View) -> bool:
         """Return whether the samples may hold noise all along there, whatever the model is."""
-        rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
-        return (
-            width * view.series.duration_s >= _FEWEST_COHERENCES
-            and bartlett_z(view.data, rate, f0, width) < _UNSTEADY
-            and not sweeps(view.data, rate, f0, width)
-        )
+        f0, width = self.frequency.value, self.bandwidth.value
+        if width * view.series.duration_s < _FEWEST_COHERENCES:
+            return False
+        record = PowerInParts.of_view(view)
+        return bartlett_z(record, f0, width) < _UNSTEADY and not sweeps(record, f0, width)
 
     def _is_steady(self, view: View, candidate: Candidate) -> bool:
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value

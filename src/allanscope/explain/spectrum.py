@@ -201,31 +201,39 @@ class SpectrumFitter:
         """Return what fits the model with more parts; of components only these are computed."""
         model = self.basis.model.plus(*parts)
         if any(isinstance(part, Filter) for part in parts):
-            alone = not self.basis.model.filters and self.basis.free.count(False) <= 1
-            if alone and all(isinstance(part, Filter) for part in parts):
-                return replace(self, basis=self._behind(model))
+            if self.is_bare and all(isinstance(part, Filter) for part in parts):
+                fixed, columns = self._behind(model.filters_on)
+                held = model.shapes
+                return replace(
+                    self,
+                    basis=replace(self.basis, model=model, held=held, columns=columns, fixed=fixed),
+                )
             return SpectrumFitter.of(self.grid, model, self.excluded)
         likelihood = self._likelihood(np.ones(len(self.dof)))
         return replace(self, basis=likelihood.extended(self.basis, model, model.shapes))
 
-    def _behind(self, model: NoiseModel) -> Basis:
-        """Return the basis of this model behind the filters of another, of which it has none."""
-        basis = self.basis
+    @property
+    def is_bare(self) -> bool:
+        """Whether filters may be added to what is known: there are none, and one fixed part."""
+        return not self.basis.model.filters and self.basis.free.count(False) <= 1
+
+    def _behind(self, filters_on: Callable[[Component], tuple[Filter, ...]]) -> tuple[Array, Array]:
+        """Return the fixed part and the columns behind filters, of which the model has none."""
 
         @cache
         def passed(filters: tuple[Filter, ...]) -> Array | np.float64:
             return combined_response(filters, self.grid.dt, self.grid.response)
 
-        fixed, columns = basis.fixed, basis.columns.copy()
+        fixed, columns = self.basis.fixed, self.basis.columns.copy()
         left = iter(columns)
-        for component, is_free in zip(model, basis.free, strict=True):
+        for component, is_free in zip(self.basis.model, self.basis.free, strict=True):
             column = next(left) if is_free else None
-            filters = model.filters_on(component)
+            filters = filters_on(component)
             if filters and column is not None:
                 column *= passed(filters)
             elif filters:
                 fixed = fixed * passed(filters)
-        return replace(basis, model=model, held=model.shapes, columns=columns, fixed=fixed)
+        return fixed, columns
 
     def fit(self, power: Array, start: Array | None = None) -> Spectrum:
         """Return the likeliest spectrum.
@@ -257,6 +265,11 @@ class SpectrumFitter:
         more = self._likelihood(power).column(self.basis.model, component.with_power(1.0))
         columns = np.vstack([self.basis.columns, more])
         return maximise(columns, power, self.dof, self.basis.fixed, start)[1]
+
+    def loglik_behind(self, one: Filter, power: Array, start: Array) -> float:
+        """Return the same of `plus` one filter, where the model `is_bare`."""
+        fixed, columns = self._behind(lambda c: (one,) if one.acts_on(c) else ())
+        return maximise(columns, power, self.dof, fixed, start)[1]
 
     def powers(self, power: Array, start: Array | None = None) -> tuple[Array, float]:
         """Return the squared amplitudes of that spectrum, and its log-likelihood."""

@@ -22,7 +22,7 @@ from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
 from allanscope.noise.filters import HeldPattern, HeldSamples
 from allanscope.noise.grid import Grid, Ranges
-from allanscope.noise.part import Part
+from allanscope.noise.part import Filter, Part
 from allanscope.noise.quantised import rounding_correlation
 from allanscope.samples import unit_of
 
@@ -171,6 +171,8 @@ class View:
         start = self.spectrum.powers
         if len(parts) == 1 and isinstance(parts[0], Component) and parts[0].has_amplitude:
             return self.fitter.loglik_beside(parts[0], self.power, np.append(start, 0.0))
+        if len(parts) == 1 and isinstance(parts[0], Filter) and self.fitter.is_bare:
+            return self.fitter.loglik_behind(parts[0], self.power, start)
         fitter = self.fitter.plus(*parts)
         more = len(fitter.basis.columns) - len(start)
         return fitter.loglik(self.power, np.append(start, np.zeros(more)))

@@ -175,13 +175,15 @@ class Excursion(PlacedSignal):
         noise = joint_fit(view, _column(view, first, last)).spectrum
         scan = StepScan(view.grid, view.ordinates, noise)
         for _ in range(_TURNS):
-            reach = (last - first) // 2
+            before, reach = (first, last), (last - first) // 2
             tried = np.arange(max(1, first - reach), first + reach)
             begin = scan.place_of_box(tried, np.full_like(tried, last), tried)
             first = begin.best
             tried = np.arange(max(first + 2, last - reach), min(view.grid.n - 1, last + reach))
             end = scan.place_of_box(np.full_like(tried, first), tried, tried)
             last = end.best
+            if (first, last) == before:
+                break
         lasts = ends_of(np.subtract.outer(end.instants, begin.instants))
         lasts = min(lasts[0], last - first), max(lasts[1], last - first)
         begins = ends_of(begin.instants)

@@ -14,10 +14,15 @@ import numpy as np
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.effects.unexplained import lasting
+from allanscope.explain.residual import removes
+from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.components import AngleQuantization as Differenced
 from allanscope.noise.selection import Q_PENALTY
+
+_BURSTS, _OF_THE_GAIN = 20.0, 0.02
+"""Sigma by which bursts come and go (footsteps about a desk 31 to 60, an engine that idles 7 to
+12), and per nat of the gain that what is there all along may."""
 
 
 @dataclass(frozen=True)
@@ -45,5 +50,11 @@ class AngleQuantization(EffectKind):
         )
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Return whether it removes its part of the residual."""
-        return lasting(view, candidate)
+        """Return it where it removes its part of the residual and is there all along.
+
+        Bursts of vibration near Nyquist rise towards it too, and with Q the noise below them would
+        be too low.
+        """
+        most = min(_BURSTS, max(2 * UNSTEADY, _OF_THE_GAIN * candidate.gain))
+        is_steady = bartlett_z_of(view, candidate) <= most
+        return candidate if is_steady and removes(view, candidate) else None

@@ -201,14 +201,14 @@ def clusters(view: View, low: float, high: float) -> list[Cluster]:
     return [Cluster(first + c.first, first + c.stop) for c in kept]
 
 
-def core(view: View, cluster: Cluster) -> Cluster:
-    """Return the shortest part of a cluster that holds most of its power: a line on a slope."""
+def core(view: View, cluster: Cluster, share: float = _CORE) -> Cluster:
+    """Return the shortest part of a cluster that holds so much of its power: a line on a slope."""
     inside = slice(cluster.first, cluster.stop)
     power = view.squares[inside] - view.spectrum.ordinates[inside]
     below = np.concatenate([[0.0], np.cumsum(power)])
     # One that begins with ordinate k ends where so much more lies below; beyond the end, none does.
     begins = np.arange(len(power))
-    ends = np.searchsorted(np.maximum.accumulate(below), below[:-1] + _CORE * below[-1])
+    ends = np.searchsorted(np.maximum.accumulate(below), below[:-1] + share * below[-1])
     sizes = np.where(ends < len(below), np.maximum(ends - begins, 1), len(power))
     first = cluster.first + int(np.argmin(sizes))
     stop = first + int(sizes.min())

@@ -28,7 +28,6 @@ from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.band_limit import low_pass_instead
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum
-from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import Component
 from allanscope.noise.components import GaussMarkov as Process
@@ -111,7 +110,7 @@ class GaussMarkov(EffectKind):
 
         Where it leaves no white noise it is a low-pass.
         """
-        return low_pass_instead(view, candidate) or lasting(view, candidate, UNSTEADY)
+        return low_pass_instead(view, candidate) or lasting(view, candidate)
 
 
 def _shortest(view: View) -> float:

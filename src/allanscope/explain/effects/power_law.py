@@ -24,7 +24,6 @@ from allanscope.explain.effects.band_limit import BandLimit, low_pass_instead
 from allanscope.explain.effects.gauss_markov import GaussMarkov, profile_intervals
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum
-from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.filters import LowPass
@@ -116,7 +115,7 @@ class PowerLaw(EffectKind):
             return None
         if (self.exponent.lower or 0.0) <= Process.quantities[1].lower:  # it may be white noise
             return None
-        return lasting(view, candidate, UNSTEADY)
+        return lasting(view, candidate)
 
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
         """Refuse a low-pass that takes no more than the way noise without a corner is sampled.

@@ -26,7 +26,7 @@ from allanscope.explain.noise_level_period import noise_level_period
 from allanscope.explain.presence import presence_of
 from allanscope.explain.regression import exponential_ordinates, joint_fit
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
-from allanscope.explain.stationarity import bartlett_z_of, reach_of
+from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of, reach_of
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
@@ -279,14 +279,14 @@ def band_left_over(view: View, candidate: Candidate, band: tuple[float, float]) 
     return left_over(view, band, candidate.gain, words, searched)
 
 
-def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) -> Candidate | None:
+def lasting(view: View, process: Candidate) -> Candidate | None:
     """Return a process that removes its part of the residual and is there all along.
 
-    One that comes and goes by more than so many sigma is a tone that sweeps, and has no name.
+    One that comes and goes is a tone that sweeps, and has no name.
     """
     if not removes(view, process):
         return None
-    if most_sigma == float("inf") or bartlett_z_of(view, process) <= most_sigma:
+    if bartlett_z_of(view, process) <= UNSTEADY:
         return process
     _, high = reach_of(view, process)
     return tone_left_over(view, process, high / 2, high / 2)

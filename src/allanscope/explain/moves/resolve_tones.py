@@ -40,6 +40,9 @@ _WIDE = 1.5
 """Ratio of its ends from which a range without a name is no line."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
+_HELD, _NARROW = 0.4, 0.02
+"""Share of the power of a range that a line holds beside which the rest is something else, and of
+its width that the line may have."""
 _LEVEL, _SURELY = 0.5, 3.0
 """Excess over the noise, and that in standard errors, up to which the ends of a range are level."""
 _MAIN = 0.5
@@ -53,13 +56,9 @@ _FAINT = 0.01
 
 def resolve_tones(view: View, path: SearchPath) -> View:
     """Return the view with every tone that was left out resolved into what it is."""
-    tones = [
-        (c, c.effect)
-        for c in view.accepted
-        if isinstance(c.effect, Unexplained) and c.effect.is_tone
-    ]
-    for whole, effect in tones:
-        low, high = effect.frequency_low.value, effect.frequency_high.value
+    tones = [c for c in view.accepted if isinstance(c.effect, Unexplained) and c.effect.is_tone]
+    for whole in tones:  # which grows
+        low, high = _limits(whole)
         parts = clusters(view, low, high)
         band = _without_level_ends(view, range_of(view, low, high), parts)
         low, high = _frequency(view, band.first), _frequency(view, band.stop)
@@ -73,12 +72,32 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         if path.is_spent:
             path.stop("drifting lines")
             parts = [band]
-        found = _found(view, parts, band, whole)
+        may_split = len(parts) == 1 and not (is_one or path.is_spent)
+        split = _line_and_rest(view, band, whole) if may_split else []
+        tones += split[1:]  # looked at again beside the line
+        found = split or _found(view, parts, band, whole)
         view = view.without(whole)
         for one in found:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
+
+
+def _line_and_rest(view: View, band: Cluster, whole: Candidate) -> list[Candidate]:
+    """Return the line that holds much of the power of a range, and what is beside it without names.
+
+    It is one though bursts of broad noise beside it were left out with it. Nothing where no line is
+    so loud, or all of the range is one band.
+    """
+    place = core(view, band, _HELD)
+    if place.stop - place.first > _NARROW * (band.stop - band.first):
+        return []
+    line = drifting_line(view, place, whole)
+    if line is None or moving_band(view, band, whole) is not None:
+        return []
+    beside = Cluster(band.first, place.first), Cluster(place.stop, band.stop)
+    parts = (_without_name(view, part, whole) for part in beside if part.stop > part.first)
+    return [line, *(part for part in parts if not _is_tail(part, [line]))]
 
 
 def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) -> list[Candidate]:
@@ -133,6 +152,11 @@ def _without_level_ends(view: View, band: Cluster, parts: list[Cluster]) -> Clus
     count = max(1, sum(one.stop - one.first for one in beyond))
     level = min(_LEVEL, _SURELY * math.sqrt(2.0 / count))
     return hull if excess(view, *beyond) < level * noise else band
+
+
+def _limits(tone: Candidate) -> tuple[float, float]:
+    assert isinstance(tone.effect, Unexplained)
+    return tone.effect.frequency_low.value, tone.effect.frequency_high.value
 
 
 def _frequency(view: View, ordinate: int) -> float:

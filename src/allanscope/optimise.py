@@ -91,13 +91,14 @@ def minimise(
             raise StopIteration
 
     done = after.turns if after else 0
-    found = minimize(
-        loss, first, method="Nelder-Mead", callback=ended if until else None,
-        options={
-            "xatol": x_within, "fatol": within, "maxiter": (turns or 200 * len(first)) - done,
-            "initial_simplex": after.corners if after else np.vstack([first, first + steps]),
-        },
-    )  # fmt: skip
+    with np.errstate(invalid="ignore"):  # a loss may be infinite beyond a bound
+        found = minimize(
+            loss, first, method="Nelder-Mead", callback=ended if until else None,
+            options={
+                "xatol": x_within, "fatol": within, "maxiter": (turns or 200 * len(first)) - done,
+                "initial_simplex": after.corners if after else np.vstack([first, first + steps]),
+            },
+        )  # fmt: skip
     corners, turns = np.asarray(found.final_simplex[0]), done + int(found.nit) - 1
     return Minimum(np.asarray(found.x), float(found.fun), bool(found.success), corners, turns)
 

@@ -162,6 +162,19 @@ def test_a_line_in_a_band_is_one_with_it():
     assert sizes({"gx": [line(9.0), band]}) == [1, 1]
 
 
+def test_a_line_in_a_band_of_another_axis_is_another():
+    """Broad vibration of 1.9 Hz around 16.8 Hz, and a line of 0.03 Hz at 15.8 Hz."""
+
+    def band(hz, width_hz):
+        numbers = {"frequency": (hz, 0.04, "Hz"), "bandwidth": (width_hz, 0.1 * width_hz, "Hz")}
+        return effect("narrowband", **numbers, sigma=(0.01, 0.001, "dps"))
+
+    assert sizes({"gx": [band(16.8, 1.9)], "ax": [band(15.8, 0.03)]}) == [1, 1]
+    assert sizes({"gx": [band(16.8, 1.9)], "ax": [line(16.5)]}) == [1, 1]
+    assert sizes({"gx": [band(16.8, 1.9)], "ax": [band(16.2, 1.2)]}) == [2]
+    assert sizes({"gx": [band(13.39, 0.13)], "ax": [band(13.38, 0.006)]}) == [2]
+
+
 def test_what_happens_at_one_time_is_one_event():
     burst = {"intervals": (1.0, 0.0, ""), "start": (299.6, 0.1, "s"), "stop": (301.0, 0.1, "s")}
     effects = {

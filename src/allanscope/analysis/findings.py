@@ -40,6 +40,9 @@ _WIDER = 2.0
 """Intervals are stretched by this: of many pairs of 95 % intervals some would miss each other."""
 _RELATIVE = 1e-4
 """Relative difference that counts as equal even where intervals are narrower."""
+_MUCH_WIDER, _BROAD = 10.0, 0.05
+"""Ratio of two bandwidths, and width over frequency, from which a line on one axis is not the
+resonance on another that it lies in."""
 _HIGHEST = 40
 """Highest order of a harmonic."""
 _BY_CHANCE = 0.02
@@ -220,9 +223,10 @@ def _gain(effect: Effect) -> float:
 def _is_one(first: Member, second: Member) -> bool:
     """Return whether two effects are one disturbance."""
     a, b = first.effect, second.effect
-    if _is_harmonic(a, b) or _at_once(a, b) or _is_in_band(a, b) or _is_in_band(b, a):
+    on_one_axis = first.axis == second.axis
+    if _is_harmonic(a, b, on_one_axis) or _at_once(a, b) or _is_in_band(a, b) or _is_in_band(b, a):
         return True
-    if a.kind != b.kind or first.axis == second.axis:
+    if a.kind != b.kind or on_one_axis:
         return False
     source, other = a.parameters.get("source"), b.parameters.get("source")
     if source is not None and other is not None:
@@ -252,11 +256,12 @@ def _places(name: str, where: str) -> bool:
     return name == where or (where.endswith("_low") and name == f"{where[:-4]}_high")
 
 
-def _is_harmonic(a: Effect, b: Effect) -> bool:
+def _is_harmonic(a: Effect, b: Effect, on_one_axis: bool) -> bool:
     """Return whether two lines have one frequency, or one is a multiple of the other.
 
     What wanders over a bandwidth has harmonics that wander over multiples of it: a resonance much
-    wider than that is near a multiple of a slow line by chance.
+    wider than that is near a multiple of a slow line, or has a line of another axis within it, by
+    chance.
     """
     low, high = _frequency(a), _frequency(b)
     if low is None or high is None:
@@ -270,7 +275,10 @@ def _is_harmonic(a: Effect, b: Effect) -> bool:
     apart = abs(high.value - order * low.value)
     widths = [_value(e, "bandwidth") for e in (a, b) if "bandwidth" in e.parameters]
     if order == 1:
-        return apart <= room + max(widths, default=0.0) / 2
+        least, widest = sorted([0.0, 0.0, *widths])[-2:]
+        is_broad = widest > max(_MUCH_WIDER * least, _BROAD * high.value)
+        is_in_another = is_broad and not on_one_axis
+        return apart <= room + (0.0 if is_in_another else widest / 2)
     if len(widths) == 2 and widths[1] > _WIDER * order * widths[0]:
         return False
     return 1 < order <= _HIGHEST and room < _BY_CHANCE * low.value and apart <= room

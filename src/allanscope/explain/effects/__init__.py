@@ -463,7 +463,9 @@ def errors_at(loss: Callable[[Array], float], at: Array, step: Array) -> Array:
         mixed = (both - single[i] - single[j]) / (2 * step[i] * step[j])
         information[i, j] = information[j, i] = mixed
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
-    if not scale.all() or np.linalg.eigvalsh(information / np.outer(scale, scale))[0] <= _SINGULAR:
+    if not (np.isfinite(information).all() and scale.all()):  # at the end of what it may be
+        return np.full(len(scale), np.nan)
+    if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] <= _SINGULAR:
         return np.full(len(scale), np.nan)
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
 

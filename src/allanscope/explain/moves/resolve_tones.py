@@ -72,8 +72,7 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         if path.is_spent:
             path.stop("drifting lines")
             parts = [band]
-        may_split = len(parts) == 1 and not (is_one or path.is_spent)
-        split = _line_and_rest(view, band, whole) if may_split else []
+        split = [] if is_one or path.is_spent else _line_and_rest(view, parts, band, whole)
         tones += split[1:]  # looked at again beside the line
         found = split or _found(view, parts, band, whole)
         view = view.without(whole)
@@ -83,21 +82,25 @@ def resolve_tones(view: View, path: SearchPath) -> View:
     return view
 
 
-def _line_and_rest(view: View, band: Cluster, whole: Candidate) -> list[Candidate]:
+def _line_and_rest(
+    view: View, parts: list[Cluster], band: Cluster, whole: Candidate
+) -> list[Candidate]:
     """Return the line that holds much of the power of a range, and what is beside it without names.
 
-    It is one though bursts of broad noise beside it were left out with it. Nothing where no line is
-    so loud, or all of the range is one band.
+    It is one though bursts of broad noise all around it were left out with it. Nothing where no
+    line is so loud, where it is a part of its own, or all of the range is one band.
     """
     place = core(view, band, _HELD)
-    if place.stop - place.first > _NARROW * (band.stop - band.first):
+    around = (p for p in parts if p.first < place.stop and place.first < p.stop)
+    widest = max((part.stop - part.first for part in around), default=0)
+    if place.stop - place.first > _NARROW * widest:
         return []
     line = drifting_line(view, place, whole)
     if line is None or moving_band(view, band, whole) is not None:
         return []
     beside = Cluster(band.first, place.first), Cluster(place.stop, band.stop)
-    parts = (_without_name(view, part, whole) for part in beside if part.stop > part.first)
-    return [line, *(part for part in parts if not _is_tail(part, [line]))]
+    rest = (_without_name(view, part, whole) for part in beside if part.stop > part.first)
+    return [line, *(part for part in rest if not _is_tail(part, [line]))]
 
 
 def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) -> list[Candidate]:

@@ -72,9 +72,11 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         if path.is_spent:
             path.stop("drifting lines")
             parts = [band]
-        split = [] if is_one or path.is_spent else _line_and_rest(view, parts, band, whole)
-        tones += split[1:]  # looked at again beside the line
-        found = split or _found(view, parts, band, whole)
+        found = _found(view, parts, band, whole)
+        if not (is_one or path.is_spent or any(one.effect.is_named for one in found)):
+            split = _line_and_rest(view, parts, band, whole)
+            found = split or found
+            tones += split[1:]  # looked at again beside the line
         view = view.without(whole)
         for one in found:
             path.note("resolve", one, "accepted")
@@ -88,7 +90,7 @@ def _line_and_rest(
     """Return the line that holds much of the power of a range, and what is beside it without names.
 
     It is one though bursts of broad noise all around it were left out with it. Nothing where no
-    line is so loud, where it is a part of its own, or all of the range is one band.
+    line is so loud, or it is a part of its own.
     """
     place = core(view, band, _HELD)
     around = (p for p in parts if p.first < place.stop and place.first < p.stop)
@@ -96,7 +98,7 @@ def _line_and_rest(
     if place.stop - place.first > _NARROW * widest:
         return []
     line = drifting_line(view, place, whole)
-    if line is None or moving_band(view, band, whole) is not None:
+    if line is None:
         return []
     beside = Cluster(band.first, place.first), Cluster(place.stop, band.stop)
     rest = (_without_name(view, part, whole) for part in beside if part.stop > part.first)

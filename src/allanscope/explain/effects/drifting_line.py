@@ -317,6 +317,8 @@ def drifting_line(
     noise = view.spectrum.ordinates[inside]
     weight = np.maximum(view.squares[inside] - noise, 0.0)
     f = view.grid.frequency[inside]
+    if not weight.any():
+        return None
     total = np.cumsum(weight) / weight.sum()
     centre = float(np.average(f, weights=weight))
     ends = np.interp([(1 - _HOLDS) / 2, (1 + _HOLDS) / 2], total, f)

@@ -64,8 +64,9 @@ _TO_ZERO = 0.3
 _GAIN = 3.0
 """Log of the marginal likelihood ratio from which there is a remainder: on 1,080 clean records of
 9 mixes of N, B and K and three lengths it stayed below 2.8, and but for one below 0.9."""
-_SHORT = 0.2
-"""Part of the Nyquist frequency below which N is read."""
+_SHORT, _FAR_LOUDER = 0.2, np.log(4.0)
+"""Part of the Nyquist frequency below which N is read, and logarithm of the power in a range that
+was left out over that elsewhere from which it is not read there."""
 _ROUNDS = 3
 """Times that the correction and the rest of the model are found from each other."""
 
@@ -102,14 +103,14 @@ def with_remainder(fit: Fit, evidence: Sequence[Evidence]) -> Fit:
         With those ranges.
     """
     likelihood = Likelihood(evidence)
-    bare, found = fit, None
+    bare, found, trusted = fit, None, fit.likelihood.dof
     fit = replace(fit, likelihood=likelihood, expected=likelihood.expected(fit.model))
     for _ in range(_ROUNDS):
         power, dof, frequency, expected = _evidence(fit, found)
         smooth = smooth_log_ratio(frequency, power / expected, dof)
         if smooth is None or smooth.gain < _GAIN:
             return bare if found is None else fit
-        level, error = _level(smooth, fit, frequency, dof)
+        level, error = _level(smooth, fit, frequency, dof, trusted)
         gain = smooth.value - level
         found = Remainder(tuple(smooth.frequency.tolist()), tuple(gain.tolist()), error)
         fit = likelihood.amplitudes(_remeasured(fit.model, bare.model, found))
@@ -134,25 +135,35 @@ def _remeasured(model: NoiseModel, bare: NoiseModel, found: Remainder) -> NoiseM
     return replace(bare, components=tuple(map(measured, bare))).plus(found)
 
 
-def _level(smooth: Smooth, fit: Fit, frequency: Array, dof: Array) -> tuple[float, float]:
+def _level(
+    smooth: Smooth, fit: Fit, frequency: Array, dof: Array, trusted: Array
+) -> tuple[float, float]:
     """Return the median of s where N is read, weighted with the share of white noise.
 
-    Its error is that of a median of the logarithms of independent ordinates.
+    Its error is that of a median of the logarithms of independent ordinates. Where nothing was
+    fitted, `trusted` is 0: what is far louder there than where something was lies on no floor.
     """
     white = fit.model.get("N")
     if not isinstance(white, White) or white.power == 0.0:
         return 0.0, 0.0
     weight = dof * fit.likelihood.column(fit.model, white) / fit.expected
     weight = np.where(frequency < _SHORT * 0.5 / fit.model.dt, weight, 0.0)
-    if not weight.any():
-        return 0.0, 0.0
     value = np.interp(
         np.log2(np.maximum(frequency, 1e-300)), np.log2(smooth.frequency), smooth.value
     )
-    order = np.argsort(value)
+    fitted = np.where(trusted > 0, weight, 0.0)
+    if fitted.any():
+        is_far_louder = value > _median(value, fitted) + _FAR_LOUDER
+        weight = np.where(is_far_louder & (trusted == 0), 0.0, weight)
+    if not weight.any():
+        return 0.0, 0.0
+    return _median(value, weight), float(np.sqrt(np.pi / np.sum(weight)))
+
+
+def _median(values: Array, weight: Array) -> float:
+    order = np.argsort(values)
     total = np.cumsum(weight[order])
-    middle = float(value[order][np.searchsorted(total, total[-1] / 2)])
-    return middle, float(np.sqrt(np.pi / 2 * 2 / total[-1]))
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def smooth_log_ratio(frequency: Array, ratio: Array, dof: Array) -> Smooth | None:

@@ -25,7 +25,13 @@ from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.noise_level_period import noise_level_period
 from allanscope.explain.presence import presence_of
 from allanscope.explain.regression import exponential_ordinates, joint_fit
-from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
+from allanscope.explain.residual import (
+    Bands,
+    band_scores,
+    excess_kurtosis,
+    excess_skewness,
+    removes,
+)
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of, reach_of
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
@@ -414,19 +420,38 @@ def _bands(view: View) -> Iterable[Candidate]:
         return
     bands = band_scores(view)
     known = [_limits(one) for _, one in _known(view) if one.domain != "distribution"]
-    worst = int(np.argmax(np.abs(bands.z)))
-    z = float(bands.z[worst])
-    low = high = worst
-    while low > 0 and bands.z[low - 1] * np.sign(z) > _NEIGHBOUR_Z:
-        low -= 1
-    while high < len(bands.z) - 1 and bands.z[high + 1] * np.sign(z) > _NEIGHBOUR_Z:
-        high += 1
-    band = float(bands.low[low]), float(bands.high[high])
+    inside = _run(bands, int(np.argmax(np.abs(bands.z))))
+    louder = _run(bands, int(np.argmax(bands.z)))
+    if bands.z[inside].max() < 0 and _lifts_the_fit(bands, louder):
+        inside = louder
+    z = float(max(bands.z[inside], key=abs))
+    band = float(bands.low[inside][0]), float(bands.high[inside][-1])
     if abs(z) < _BAND_Z or any(a < band[1] and band[0] < b for a, b in known):
         return
-    inside = slice(low, high + 1)
     more = float(np.average(bands.ratio[inside] - 1, weights=bands.count[inside]))
     yield _misfit(view, band, more, z, z**2 / 2, float(np.log(len(bands.z))))
+
+
+def _run(bands: Bands, worst: int) -> slice:
+    """Return the bands around one that the model misses to the same side."""
+    off = bands.z * np.sign(bands.z[worst]) > _NEIGHBOUR_Z
+    low = high = worst
+    while low > 0 and off[low - 1]:
+        low -= 1
+    while high < len(off) - 1 and off[high + 1]:
+        high += 1
+    return slice(low, high + 1)
+
+
+def _lifts_the_fit(bands: Bands, louder: slice) -> bool:
+    """Return whether power in a range is why the rest has less than the model: it is on no floor.
+
+    Not where the noise is louder in most of the band, or from the lowest frequencies on: then a
+    filter takes the rest away.
+    """
+    below = bands.z[: louder.start]
+    is_clear = bands.z[louder].max() >= _BAND_Z and below.min(initial=0.0) < -_NEIGHBOUR_Z
+    return is_clear and float(bands.count[louder].sum()) < 0.5 * float(bands.count.sum())
 
 
 def _misfit(

@@ -17,12 +17,18 @@ N, RATE, PUMP_HZ = 4e-3, 52.0, 17.16
 SIGMA = N * RATE**0.5
 
 
+def bursts(b, level=0.0, number=12, seconds=4.0):
+    """Return an envelope of some bursts above a level."""
+    loud = np.full(len(b.t), level)
+    for at in b.rng.uniform(20, 580, number):
+        loud += b.rng.uniform(3, 12) * np.exp(-(((b.t - at) / seconds) ** 2))
+    return loud
+
+
 def shaken(b, above=0.72, loud_pump=2.5):
     """Return white noise, bursts above a share of the band, and a pump that is on for 140 s."""
     white = b.rng.normal(0, SIGMA, len(b.t))
-    loud = np.full(len(b.t), 0.3)
-    for at in b.rng.uniform(20, 580, 12):
-        loud += b.rng.uniform(3, 12) * np.exp(-(((b.t - at) / 4) ** 2))
+    loud = bursts(b, 0.3)
     shaking = sosfilt(butter(4, above, "high", output="sos"), b.rng.normal(0, SIGMA, len(b.t)))
     wander = 0.02 * np.sin(2 * np.pi * b.t / 37)
     pump = loud_pump * SIGMA * np.sin(2 * np.pi * np.cumsum(PUMP_HZ + wander) / RATE)
@@ -48,3 +54,13 @@ def test_a_line_that_was_left_out_with_the_bursts_around_it_is_found(bench, seed
     (line,) = (one for one in found if one.kind == "drifting_line")
     assert line.frequency.value == pytest.approx(PUMP_HZ, abs=0.02)
     assert len(found) > 1  # the bursts are still there
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_bursts_in_the_middle_of_the_band_are_no_part_of_n(bench, seed):
+    """N was read within them, where half of the lower frequencies lie: 24 to 40 % too high."""
+    b = bench(seed, 600.0)
+    band = butter(2, [4.0, 8.0], "band", fs=RATE, output="sos")
+    shaking = bursts(b, number=20, seconds=7.0) * sosfilt(band, b.rng.normal(0, SIGMA, len(b.t)))
+    found = explain(b.record(b.rng.normal(0, SIGMA, len(b.t)) + shaking)).axes["gx"]
+    assert found.coefficients_after["N"].value == pytest.approx(N, rel=0.08)

@@ -64,7 +64,7 @@ _TO_ZERO = 0.3
 _GAIN = 3.0
 """Log of the marginal likelihood ratio from which there is a remainder: on 1,080 clean records of
 9 mixes of N, B and K and three lengths it stayed below 2.8, and but for one below 0.9."""
-_SHORT, _FAR_LOUDER = 0.2, np.log(4.0)
+_SHORT, _FAR_LOUDER = 0.2, np.log(2.5)
 """Part of the Nyquist frequency below which N is read, and logarithm of the power in a range that
 was left out over that elsewhere from which it is not read there."""
 _ROUNDS = 3

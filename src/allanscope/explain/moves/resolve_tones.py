@@ -97,6 +97,8 @@ def _line_and_rest(
     widest = max((part.stop - part.first for part in around), default=0)
     if place.stop - place.first > _NARROW * widest:
         return []
+    flank = (place.stop - place.first) // 2
+    place = Cluster(max(band.first, place.first - flank), min(band.stop, place.stop + flank))
     line = drifting_line(view, place, whole)
     if line is None:
         return []

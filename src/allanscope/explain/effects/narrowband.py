@@ -213,9 +213,10 @@ class Narrowband(EffectKind):
         f0, width = self.frequency.value, self.bandwidth.value
         if width > _NARROW * f0:
             return None
-        low, high = reach_of(view, candidate, _FAINT)
-        band = max(low, f0 - _FARTHEST * width), min(high, f0 + _FARTHEST * width)
-        return band_left_over(view, candidate, band)
+        low, high = reach_of(view, candidate, _FAINT)  # to a bin, which may be wider
+        low = min(max(low, f0 - _FARTHEST * width), f0 - width)
+        high = max(min(high, f0 + _FARTHEST * width), f0 + width)
+        return band_left_over(view, candidate, (low, high))
 
     def may_hold(self, view: View, candidate: Candidate) -> bool:
         """Return whether others beside it could make it hold if it lasts: they change its form."""

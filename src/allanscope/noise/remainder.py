@@ -19,7 +19,8 @@ named lines; Wood, Generalized Additive Models (2017), section 6.6, for the marg
 
 A level of its own would compete with N. So s is zero where N is read: half of the ordinates below a
 fifth of the Nyquist frequency, weighted with the share of white noise in them, lie above it and
-half below. A floor that rises towards the top, as vibration makes it, leaves N alone.
+half below; none of a range that was left out of the fit and is far louder. A floor that rises
+towards the top, as vibration makes it, leaves N alone.
 """
 
 from __future__ import annotations

@@ -128,6 +128,11 @@ class Unexplained(EffectKind):
         return {"domain": self.domain, **self.figures}
 
     @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest frequency in Hz."""
+        return self.frequency_low.value, self.frequency_high.value
+
+    @property
     def is_unnamed_drift(self) -> bool:
         """Whether it is a slow drift."""
         return self.domain == "level"
@@ -152,7 +157,7 @@ class Unexplained(EffectKind):
         if self.domain != "spectrum":
             return True
         unit = view.grid.rate_hz / (2 * view.grid.n)
-        low, high = (round(f / unit) for f in _limits(self))
+        low, high = (round(f / unit) for f in self.limits)
         return bool(view.spectrum.kept[max(0, low - 1) : max(1, high)].any())
 
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
@@ -372,7 +377,7 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
     while (
         isinstance(own := candidate.effect, Unexplained)
         and own.domain == "spectrum"
-        and (touched := _touched(view, *_limits(own), room)) is not None
+        and (touched := _touched(view, *own.limits, room)) is not None
     ):
         near, other = touched
         low = min(other.frequency_low.value, own.frequency_low.value)
@@ -394,10 +399,6 @@ def beside(view: View, frequency: float) -> bool:
     return _touched(view, frequency - unit, frequency + unit, _GAP * unit) is not None
 
 
-def _limits(effect: Unexplained) -> tuple[float, float]:
-    return effect.frequency_low.value, effect.frequency_high.value
-
-
 def _touched(
     view: View, low: float, high: float, room: float
 ) -> tuple[Candidate, Unexplained] | None:
@@ -407,7 +408,7 @@ def _touched(
     every union would reach for the next stranger.
     """
     for near, one in _known(view):
-        first, last = _limits(one)
+        first, last = one.limits
         gap = max(room, min(high - low, last - first))
         if one.domain == "spectrum" and first < high + gap and low < last + gap:
             return near, one
@@ -419,7 +420,7 @@ def _bands(view: View) -> Iterable[Candidate]:
     if view.has("quantization"):
         return
     bands = band_scores(view)
-    known = [_limits(one) for _, one in _known(view) if one.domain != "distribution"]
+    known = [one.limits for _, one in _known(view) if one.domain != "distribution"]
     inside = _run(bands, int(np.argmax(np.abs(bands.z))))
     louder = _run(bands, int(np.argmax(bands.z)))
     if bands.z[inside].max() < 0 and _lifts_the_fit(bands, louder):
@@ -484,12 +485,12 @@ def with_misfits_joined(view: View) -> View:
     Ranges were found one after the other, each without those before it.
     """
     misfits = [(c, one, one.figures["z"]) for c, one in _known(view) if one.is_misfit]
-    misfits.sort(key=lambda m: _limits(m[1]))
+    misfits.sort(key=lambda m: m[1].limits)
     groups: list[list[tuple[Candidate, Unexplained, float]]] = []
     for misfit in misfits:
         if groups:
             _, last, z = groups[-1][-1]
-            is_next = _limits(misfit[1])[0] < _NEXT * _limits(last)[1]
+            is_next = misfit[1].limits[0] < _NEXT * last.limits[1]
             if is_next and z * misfit[2] > 0:
                 groups[-1].append(misfit)
                 continue
@@ -497,7 +498,7 @@ def with_misfits_joined(view: View) -> View:
     for group in groups:
         if len(group) < 2:
             continue
-        ranges = [_limits(one) for _, one, _ in group]
+        ranges = [one.limits for _, one, _ in group]
         band = min(low for low, _ in ranges), max(high for _, high in ranges)
         widths = [high - low for low, high in ranges]
         more = float(np.average([one.figures["excess"] for _, one, _ in group], weights=widths))

@@ -58,7 +58,8 @@ def resolve_tones(view: View, path: SearchPath) -> View:
     """Return the view with every tone that was left out resolved into what it is."""
     tones = [c for c in view.accepted if isinstance(c.effect, Unexplained) and c.effect.is_tone]
     for whole in tones:  # which grows
-        low, high = _limits(whole)
+        assert isinstance(whole.effect, Unexplained)
+        low, high = whole.effect.limits
         parts = clusters(view, low, high)
         band = _without_level_ends(view, range_of(view, low, high), parts)
         low, high = _frequency(view, band.first), _frequency(view, band.stop)
@@ -159,11 +160,6 @@ def _without_level_ends(view: View, band: Cluster, parts: list[Cluster]) -> Clus
     count = max(1, sum(one.stop - one.first for one in beyond))
     level = min(_LEVEL, _SURELY * math.sqrt(2.0 / count))
     return hull if excess(view, *beyond) < level * noise else band
-
-
-def _limits(tone: Candidate) -> tuple[float, float]:
-    assert isinstance(tone.effect, Unexplained)
-    return tone.effect.frequency_low.value, tone.effect.frequency_high.value
 
 
 def _frequency(view: View, ordinate: int) -> float:

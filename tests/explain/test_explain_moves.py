@@ -208,6 +208,7 @@ def test_what_others_are_far_from_taking_over_is_not_asked_again(monkeypatch) ->
     view = view_of(noise(4) + 0.3 * band / np.std(band) + 0.5 * slow / np.std(slow))
     for kind in ("narrowband", "gauss_markov"):
         view = view.accept(best_of(view, kind))
+    monkeypatch.setattr(moves_of_dropping, "_LEAST", 1.0)
     path = SearchPath()
     assert drop_taken_over(view, path) is view
     assert path.evaluations == 3  # of four: what the band takes of the slow noise is asked again

@@ -7,9 +7,10 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from allanscope.explain import explain
-from allanscope.explain.effects.unexplained import left_over
+from allanscope.explain.effects.unexplained import _lifts_the_fit, left_over
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.resolve_tones import resolve_tones
+from allanscope.explain.residual import Bands
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 
@@ -64,3 +65,21 @@ def test_bursts_in_the_middle_of_the_band_are_no_part_of_n(bench, seed):
     shaking = bursts(b, number=20, seconds=7.0) * sosfilt(band, b.rng.normal(0, SIGMA, len(b.t)))
     found = explain(b.record(b.rng.normal(0, SIGMA, len(b.t)) + shaking)).axes["gx"]
     assert found.coefficients_after["N"].value == pytest.approx(N, rel=0.08)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "lifts"),
+    [
+        ([0.4, 0.4, 3.0, 0.5, 0.4], True),
+        ([0.8, 0.4, 3.0, 0.03, 0.02], False),  # a filter takes the top away
+        ([3.0, 3.0, 0.4, 0.4, 0.4], False),
+        ([0.4, 3.0, 3.0, 3.0, 0.4], False),  # most of the band
+    ],
+)
+def test_what_lifts_a_fit_is_louder_than_one_floor_on_both_sides(ratio, lifts):
+    ratio, count = np.array(ratio), np.full(5, 1000.0)
+    edges = np.arange(6.0)
+    z = (np.cbrt(ratio) - 1) * 60
+    bands = Bands(edges[:-1] + 0.5, edges[:-1], edges[1:], np.arange(5), count, ratio, z)
+    louder = np.flatnonzero(ratio > 1)
+    assert _lifts_the_fit(bands, slice(louder[0], louder[-1] + 1), 5000) is lifts

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, written
 from numpy.typing import NDArray
+from remainder import record_of
 from scipy.signal import butter, sosfilt
 
 from allanscope.explain import AxisExplanation, explain
-from allanscope.history import Record
 
 Array = NDArray[np.float64]
 RATE, N, K, LSB = 104.0, 4e-3, 3e-4, 4.375e-3
@@ -71,12 +71,7 @@ def bench(rng: np.random.Generator) -> tuple[Array, list[float]]:
 
 def found_in(x: Array) -> AxisExplanation:
     """Return what is found in the samples of one axis."""
-    record = Record(
-        rate_hz=RATE, stride=1, axes=("gx",), values=np.round(x / LSB)[:, np.newaxis] * LSB,
-        lsb=(LSB,), temperature_c=np.full(len(x), np.nan), start_s=np.arange(len(x)) / RATE,
-        segments=np.array([[0, len(x)]]),
-    )  # fmt: skip
-    return explain(record).axes["gx"]
+    return explain(record_of(np.round(x / LSB) * LSB, RATE, lsb=LSB)).axes["gx"]
 
 
 def main() -> None:

@@ -90,11 +90,11 @@ def noise(rng: np.random.Generator, density: Callable[[Array], Array]) -> Array:
     return np.asarray(irfft(rfft(rng.normal(size=size)) * np.sqrt(density(f) * RATE), size)[:ROWS])
 
 
-def record_of(values: Array, rate: float, axis: str = "gx") -> Record:
-    """Return samples as a record that lies on no lattice."""
+def record_of(values: Array, rate: float, axis: str = "gx", lsb: float = 0.0) -> Record:
+    """Return samples as a record of one axis, without lsb on no lattice."""
     n = len(values)
     return Record(
-        rate_hz=rate, stride=1, axes=(axis,), values=values[:, np.newaxis], lsb=(0.0,),
+        rate_hz=rate, stride=1, axes=(axis,), values=values[:, np.newaxis], lsb=(lsb,),
         temperature_c=np.full(n, np.nan), start_s=np.arange(n) / rate,
         segments=np.array([[0, n]], np.int64),
     )  # fmt: skip

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from figures import Figure, written
 from numpy.typing import NDArray
+from remainder import record_of
 from scipy.linalg import expm
 from scipy.signal import butter, lfilter
 
 from allanscope.analysis.coefficients import total_white
 from allanscope.explain import Explanation, explain
-from allanscope.history import Record
 from allanscope.noise.components import Narrowband
 
 Array = NDArray[np.float64]
@@ -57,13 +57,7 @@ def found_in(
         x += times * SIGMA * resonance(rng, frequency, width, samples)
     if cutoff is not None:
         x = lfilter(*butter(2, 2 * cutoff / RATE), x) + rng.normal(0, BEHIND * SIGMA, samples)
-    values = np.round(x / LSB)[:, np.newaxis] * LSB
-    record = Record(
-        rate_hz=RATE, stride=1, axes=("gx",), values=values, lsb=(LSB,),
-        temperature_c=np.full(samples, np.nan), start_s=np.arange(samples) / RATE,
-        segments=np.array([[0, samples]]),
-    )  # fmt: skip
-    return explain(record)
+    return explain(record_of(np.round(x / LSB) * LSB, RATE, lsb=LSB))
 
 
 def white(bands: list[tuple[float, float, float]]) -> float:

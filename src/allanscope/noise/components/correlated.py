@@ -89,16 +89,13 @@ class ExponentialCovariance:
 
     def spectrum(self, w: Array) -> Array:
         """Return the two-sided spectrum per sample at phases in rad per sample."""
-        return self.at(np.ravel(2 * np.sin(w / 2) ** 2)).reshape(np.shape(w))
-
-    def at(self, square: Array) -> Array:
-        """Return the same where 2 sin^2 of half the phases is known, shape (b,)."""
+        square = np.ravel(2 * np.sin(w / 2) ** 2)
         total = np.full(len(square), self.delta)
         if self.neighbour:
             total += 2 * self.neighbour * (1 - square)
         for pole in self._poles():
             _add_spectrum(square, len(square), *pole, total)
-        return total
+        return total.reshape(np.shape(w))
 
     def _poles(self) -> list[tuple[float, float, float, float]]:
         """Re(a sinh e / (cosh e - cos w)) with the difference written without cancellation."""

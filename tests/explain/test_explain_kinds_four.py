@@ -388,6 +388,25 @@ def shock(b):
     )  # fmt: skip
 
 
+def motion(b):
+    part = (b.t >= 300.0) & (b.t < 320.0)
+
+    def turns(size):
+        return size * SIGMA * part * np.sin(4.4 * b.t) * np.sin(0.9 * b.t + 1)
+
+    def shaken(*signals):
+        return explain(b.record(*(b.noise() + signal for signal in signals))).axes
+
+    louder = [b.noise() * np.where(part, 6.0, 1.0) for _ in range(2)]
+    present = shaken(turns(300), turns(-200), 0, 0)
+    truth = {"time": (300.0, 2e-3), "duration": (20.0, 0.02)}
+    truth["peak"] = (float(np.abs(turns(300)).max()), 0.03)
+    return Four(
+        present["gx"], explain(b.record(*louder)).axes["gx"],
+        shaken(turns(15), turns(15))["gx"], present["ax"], truth, "variance_change",
+    )  # fmt: skip
+
+
 def unexplained(b):
     def sweep(size):
         return size * SIGMA * np.sin(2 * np.pi * (4 * b.t + 0.5 * b.t**2 / b.t[-1]))
@@ -403,7 +422,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        *(shock, power_law, dead_zone, amplitude_coupling, high_pass, relaxation),
+        *(shock, motion, power_law, dead_zone, amplitude_coupling, high_pass, relaxation),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

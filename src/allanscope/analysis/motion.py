@@ -57,7 +57,8 @@ def motion_remark(record: Record) -> str:
     ]
     return (
         f"The board was moved between {moment(begin, length)} and {moment(end, length)}: it "
-        f"{' and '.join(how)}. N, B and K are those of a board at rest: record it untouched."
+        f"{' and '.join(how)}. N, B and K are those of a board at rest: record it untouched, "
+        "unless this motion is among the effects found."
     )
 
 

@@ -23,6 +23,8 @@ _BLOCKS = 10
 """Blocks before a shock that tell how loud noise is by chance."""
 _ALIKE_ROWS, _ALIKE_SIZES = 50, 4
 """Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
+_AT_A_TIME = 100_000
+"""Windows that are compared at a time."""
 LONGEST_PULSE_S, _AWAY = 2.5, 4.0
 """A level that comes back so soon after the first row of a shock is part of it, where it was away
 by so many standard errors of the means of blocks."""
@@ -103,7 +105,8 @@ def _continued(rows: Array, size: int) -> Array | None:
         return None
     near = near - _level(near[-size - _ALIKE_ROWS :])
     windows = sliding_window_view(near[:-size], _ALIKE_ROWS)
-    apart = np.sum((windows - near[-_ALIKE_ROWS:]) ** 2, axis=1)
+    parts = np.array_split(windows, len(windows) // _AT_A_TIME + 1)  # each copies its windows
+    apart = np.concatenate([np.sum((part - near[-_ALIKE_ROWS:]) ** 2, axis=1) for part in parts])
     begin = int(np.argmin(apart)) + _ALIKE_ROWS
     return near[begin : begin + size]
 

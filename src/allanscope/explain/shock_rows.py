@@ -10,6 +10,8 @@ What rings more softly is found by all its rows together (`burst_rows`), away fr
 
 A record may begin before its sensor has settled, and end when somebody reaches for the board. Rows
 at either end that are away from the level need not swing, as they have one side only (`_at_ends`).
+
+What goes on for longer than a shock is no shock: the board is moved (`moved_rows`).
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.compiled import Pointer, kernel
 from allanscope.explain.burst_rows import Burst, find_bursts
+from allanscope.explain.moved_rows import Blocks, MovedRows, blocks_of, find_moved_rows
 from allanscope.explain.noise_level_border import rows_of_border
 from allanscope.lazy import once
 from allanscope.median import median, medians
@@ -73,6 +76,8 @@ _PLACES, _MOST_ELSEWHERE = 400, 0.98
 _BLOCK, _LINE, _SKIRT, _WIDEST = 128, 1e3, 8, 0.02
 """Bins of which the median is the floor, power over it of a line, bins beside it that leak, and the
 share of all bins beyond which it is no line."""
+_SOFTLY_S = 1.0
+"""Time before the first loud row in which a motion may have begun."""
 _AROUND = 2 * _MEANS[-1]
 """Rows on each side of the first loud one among which a shock begins."""
 _MOST_CODES = 1 << 12
@@ -101,6 +106,8 @@ class ShockRows:
         Axis to how it rings, where no row is loud; empty for a loud shock.
     is_off : bool
         Whether it is the beginning or the end of the record, off the level.
+    is_motion : bool
+        Whether the board is moved, for longer than a shock.
     """
 
     first: int
@@ -110,6 +117,7 @@ class ShockRows:
     log_alternatives: float
     rings: Mapping[str, Burst] = field(default_factory=dict)
     is_off: bool = False
+    is_motion: bool = False
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -199,9 +207,27 @@ class Levelled:
         return _away(self.rows, self.window, self.step, self.stride)
 
     @once
-    def groups(self) -> list[_Group]:
-        """Its groups of loud rows."""
-        return [] if self.away is None else _groups(self.axis, self.away, self.rate_hz)
+    def blocks(self) -> Blocks | None:
+        """Its blocks, that tell when the board is moved; None where it is too short."""
+        return blocks_of(self.rows, self.rate_hz, self.step)
+
+    @once
+    def spans(self) -> list[tuple[int, int]]:
+        """Its loud rows that are close to each other."""
+        return [] if self.away is None else _spans(self.away, self.rate_hz)
+
+    def groups(self, moved: Sequence[MovedRows]) -> list[_Group]:
+        """Return the groups of its loud rows away from where the board is moved.
+
+        None where it is loud all along.
+        """
+        if self.away is None:
+            return []
+        spans = [span for span in self.spans if not _touches(span, moved)]
+        rows = sum(stop - first for first, stop in spans)
+        if len(spans) > _MOST_SHOCKS or rows > _MOST * len(self.rows):
+            return []
+        return [_group(self.axis, self.away, *span, self.rate_hz) for span in spans]
 
     @property
     def is_fine(self) -> bool:
@@ -231,24 +257,47 @@ def find_shock_rows(axes: Sequence[Levelled], repeated: Flags) -> list[ShockRows
         Rows that equal the row before on all axes: they were sent twice.
     """
     rate_hz, size = axes[0].rate_hz, len(axes[0].rows)
+    moved = find_moved_rows({one.axis: (one.rows, one.blocks) for one in axes}, rate_hz)
+    motions = [_motion(one, size, rate_hz) for one in moved]
     if axes[0].window < _FEWEST_ROWS or size < 4 * axes[0].window:
-        return []
+        return motions
     with ThreadPoolExecutor(get_workers()) as pool:  # as many as a transform may have
-        groups = [group for found in pool.map(lambda one: one.groups, axes) for group in found]
+        _ = list(pool.map(lambda one: one.spans, axes))
+    groups = [group for one in axes for group in one.groups(moved)]
     away = {one.axis: one.away for one in axes if one.away is not None}
-    found, looked_at = _soft(axes, groups, repeated)
+    loud = [(group.first, group.stop) for group in groups]
+    loud += [(one.first, one.stop) for one in moved]
+    found, looked_at = _soft(axes, loud, repeated)
     for first, stop in _events(groups, rate_hz):
         part = slice(first, stop)
-        moved = {
+        sigma = {
             axis: one.sigma
             for axis, one in away.items()
             if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
         }
-        onset = _onset([away[axis].rows for axis in moved], first, stop)
-        found.append(ShockRows(first, stop, moved, onset, looked_at))
+        onset = _onset([away[axis].rows for axis in sigma], first, stop)
+        found.append(ShockRows(first, stop, sigma, onset, looked_at))
     found = _with_ends(found, _at_ends(axes), size, looked_at)
-    return sorted(found, key=lambda one: one.first)
+    found = [one for one in found if not _touches((one.first, one.stop), moved)]
+    return sorted([*found, *motions], key=lambda one: one.first)
+
+
+def _motion(moved: MovedRows, size: int, rate_hz: float) -> ShockRows:
+    """Return rows in which the board is moved as what is taken out of a record of some rows.
+
+    It may begin softly.
+    """
+    first, stop = moved.first, moved.stop
+    onset = (float(first), max(first - _SOFTLY_S * rate_hz, 0.0), first + 0.5)
+    is_off = first == 0 or stop == size
+    looked_at = float(np.log(size))
+    return ShockRows(first, stop, moved.sigma, onset, looked_at, is_off=is_off, is_motion=True)
+
+
+def _touches(span: tuple[int, int], moved: Iterable[MovedRows]) -> bool:
+    """Return whether rows lie, in part, where the board is moved."""
+    return any(span[0] < one.stop and one.first < span[1] for one in moved)
 
 
 def _at_ends(axes: Iterable[Levelled]) -> dict[bool, dict[str, tuple[int, float]]]:
@@ -310,7 +359,7 @@ def _with_ends(
 
 
 def _soft(
-    axes: Sequence[Levelled], groups: list[_Group], repeated: Flags
+    axes: Sequence[Levelled], loud: Sequence[tuple[int, int]], repeated: Flags
 ) -> tuple[list[ShockRows], float]:
     """Return what rings softly, away from what is loud, and the log of what was looked at."""
     fine = [one for one in axes if one.is_fine]
@@ -324,7 +373,7 @@ def _soft(
         (one, burst)
         for one, (bursts, _) in zip(fine, each, strict=True)
         for burst in bursts
-        if not _is_near(burst, groups, rate_hz)
+        if not _is_near(burst, loud, rate_hz)
     ]
     sets: list[list[tuple[Levelled, Burst]]] = []
     for one in sorted(found, key=lambda pair: pair[1].first):
@@ -338,12 +387,11 @@ def _soft(
     return [_ringing(members, looked_at) for members in short], looked_at
 
 
-def _is_near(burst: Burst, groups: list[_Group], rate_hz: float) -> bool:
+def _is_near(burst: Burst, loud: Sequence[tuple[int, int]], rate_hz: float) -> bool:
     """Return whether a burst belongs to what is loud: what is left of a shock rings on."""
     return any(
-        burst.first < 2 * group.stop - group.first + _GAP_S * rate_hz
-        and burst.first + 4 * burst.decay > group.first
-        for group in groups
+        burst.first < 2 * stop - first + _GAP_S * rate_hz and burst.first + 4 * burst.decay > first
+        for first, stop in loud
     )
 
 
@@ -429,8 +477,8 @@ def _lines(away: Array) -> Array:
     return np.asarray(irfft(kept, len(away)))
 
 
-def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
-    """Return the groups of loud rows of one axis; none where it is loud all along."""
+def _spans(away: _Away, rate_hz: float) -> list[tuple[int, int]]:
+    """Return the ends of the loud rows of one axis that are close to each other."""
     loud = np.flatnonzero(away.beyond(_LOUD))
     spans = [
         (int(part[0]), int(part[-1]) + 1)
@@ -438,11 +486,7 @@ def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
         if len(part) >= _LEAST_ROWS and part[-1] - part[0] < _LONGEST_S * rate_hz
     ]
     reach = int(_LONGEST_S * rate_hz)
-    spans = [span for span in spans if _stands_out(away, *span, reach)]
-    rows = sum(stop - first for first, stop in spans)
-    if len(spans) > _MOST_SHOCKS or rows > _MOST * len(away.rows):
-        return []
-    return [_group(axis, away, *span, rate_hz) for span in spans]
+    return [span for span in spans if _stands_out(away, *span, reach)]
 
 
 def _stands_out(away: _Away, first: int, stop: int, reach: int) -> bool:

@@ -74,6 +74,8 @@ class Shock(EffectKind):
     shared_by = "time"
     is_rival = False
     is_not_gaussian = False
+    is_motion: ClassVar[bool] = False
+    """Whether the board is moved, for longer than a shock."""
     confused_with: ClassVar[Mapping[str, str]] = {
         "outliers": "last one sample each",
         "excursion": "stays at another level",
@@ -103,12 +105,44 @@ class Shock(EffectKind):
         """Take the shocks that the record holds on whichever axis, where this axis is moved."""
         known = [_extent(c.effect, view) for c in view.accepted if isinstance(c.effect, Shock)]
         found = [
-            _candidate(view, shaken)
+            cls.of_rows(view, shaken)
             for shaken in _shaken(view)
             if view.axis in shaken.axes
+            and shaken.is_motion == cls.is_motion
             and not any(first < shaken.stop and shaken.first < stop for first, stop in known)
         ]
         return [one for one in found if one is not None]
+
+    @classmethod
+    def of_rows(
+        cls, view: View, shaken: ShockRows, peak: Estimate | None = None
+    ) -> Candidate | None:
+        """Return a shock without its rows; None where it is none. Its peak is that of its rows."""
+        rate, n = view.grid.rate_hz, len(view.data)
+        sigma = shaken.sigma[view.axis]
+        shaken = with_pulse(view.data, shaken, rate)
+        if not cls.is_motion and _goes_on(view.data, shaken.first, shaken.stop, sigma):
+            return None
+        first, stop = extent_of(view.data, shaken, rate)
+        rest, level = quiet_rows(view.data, first, stop, sigma)
+        signal = np.zeros(n)
+        signal[first:stop] = view.data[first:stop] - rest
+        duration = (shaken.stop - shaken.onset[0]) / rate
+        ring = shaken.rings.get(view.axis)
+        if ring is None:
+            size = np.abs(view.data[first:stop] - level)
+            if np.std(rest - level) > _LINED * sigma:  # a line goes on through it
+                size = np.abs(signal[first:stop])
+            gain = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0)))
+            off = max(_OFF_ROWS, shaken.onset[0] - shaken.onset[1] if cls.is_motion else 0) / rate
+            lasts = Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s")
+            peak = peak or _peak(size, sigma, view.unit)
+        else:  # of decay times in a ratio of two
+            gain, lasts = ring.gain, Estimate(duration, duration / 2, duration * 2, "s")
+            peak = Estimate.of(ring.peak[0] * sigma, ring.peak[1] * sigma, view.unit)
+        end = ("first" if shaken.first == 0 else "last") if shaken.is_off else None
+        effect = cls(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak, end)
+        return Candidate(effect, gain, shaken.log_alternatives, signal=signal)
 
     @classmethod
     def instead_of(cls, view: View, candidate: Candidate) -> Candidate | None:
@@ -122,10 +156,37 @@ class Shock(EffectKind):
         for shaken in view.series.shocks if rows else ():
             last = max(shaken.stop + margin, shaken.first + longest)
             within = shaken.first - margin <= rows[0] and rows[-1] <= last
-            if view.axis not in shaken.axes and within and not shaken.is_off:
+            is_other = view.axis not in shaken.axes and shaken.is_motion == cls.is_motion
+            if is_other and within and not shaken.is_off:
                 stop = max(shaken.stop, int(np.ceil(rows[-1])))
-                return _softly(view, replace(shaken, stop=stop, rings={}), candidate)
+                return cls._softly(view, replace(shaken, stop=stop, rings={}), candidate)
         return None
+
+    @classmethod
+    def _softly(cls, view: View, shaken: ShockRows, candidate: Candidate) -> Candidate | None:
+        """Return the shock in the place of a change; None where that is left without its rows.
+
+        Its gain, and the peak of what has a size, are those of the change: its rows are too soft.
+        """
+        beside = int(_BESIDE_S * view.grid.rate_hz)
+        first, stop = shaken.first, shaken.stop
+        sides = view.data[max(0, first - beside) : first], view.data[stop : stop + beside]
+        rest = np.concatenate([rows - np.median(rows) for rows in sides if len(rows)])
+        sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), 0.5 * view.step)
+        size = candidate.effect.parameters.get("size")
+        peak = (
+            Estimate.of(abs(size.value), size.error, view.unit)
+            if isinstance(size, Estimate)
+            else None
+        )
+        found = cls.of_rows(view, replace(shaken, sigma={view.axis: sigma}), peak)
+        held = candidate.effect.hold_out(view, candidate)
+        if found is None or (held is not None and held.nats <= held.error):
+            return None
+        left = candidate.effect.refine(view.accept(found))
+        if left is not None and left.excess > 0:
+            return None
+        return replace(found, gain=candidate.gain, log_alternatives=candidate.log_alternatives)
 
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
         """Refuse changes of the level within it: what is left of a shock is one step at most."""
@@ -166,58 +227,6 @@ def _extent(effect: Shock, view: View) -> tuple[int, int]:
     rate = view.grid.rate_hz
     first = (effect.time.value - view.series.start_s) * rate
     return round(first), round(first + effect.duration.value * rate)
-
-
-def _candidate(view: View, shaken: ShockRows, peak: Estimate | None = None) -> Candidate | None:
-    """Return a shock without its rows; None where it is none. Its peak is that of its rows."""
-    rate, n = view.grid.rate_hz, len(view.data)
-    sigma = shaken.sigma[view.axis]
-    shaken = with_pulse(view.data, shaken, rate)
-    if _goes_on(view.data, shaken.first, shaken.stop, sigma):
-        return None
-    first, stop = extent_of(view.data, shaken, rate)
-    rest, level = quiet_rows(view.data, first, stop, sigma)
-    signal = np.zeros(n)
-    signal[first:stop] = view.data[first:stop] - rest
-    duration = (shaken.stop - shaken.onset[0]) / rate
-    ring = shaken.rings.get(view.axis)
-    if ring is None:
-        size = np.abs(view.data[first:stop] - level)
-        if np.std(rest - level) > _LINED * sigma:  # a line goes on through it
-            size = np.abs(signal[first:stop])
-        gain, off = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0))), _OFF_ROWS / rate
-        lasts = Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s")
-        peak = peak or _peak(size, sigma, view.unit)
-    else:  # of decay times in a ratio of two
-        gain, lasts = ring.gain, Estimate(duration, duration / 2, duration * 2, "s")
-        peak = Estimate.of(ring.peak[0] * sigma, ring.peak[1] * sigma, view.unit)
-    end = ("first" if shaken.first == 0 else "last") if shaken.is_off else None
-    effect = Shock(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak, end)
-    return Candidate(effect, gain, shaken.log_alternatives, signal=signal)
-
-
-def _softly(view: View, shaken: ShockRows, candidate: Candidate) -> Candidate | None:
-    """Return the shock in the place of a change; None where that is left without its rows.
-
-    Its gain, and the peak of what has a size, are those of the change: its rows are too soft.
-    """
-    beside = int(_BESIDE_S * view.grid.rate_hz)
-    first, stop = shaken.first, shaken.stop
-    sides = view.data[max(0, first - beside) : first], view.data[stop : stop + beside]
-    rest = np.concatenate([rows - np.median(rows) for rows in sides if len(rows)])
-    sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(rest))), 0.5 * view.step)
-    size = candidate.effect.parameters.get("size")
-    peak = (
-        Estimate.of(abs(size.value), size.error, view.unit) if isinstance(size, Estimate) else None
-    )
-    found = _candidate(view, replace(shaken, sigma={view.axis: sigma}), peak)
-    held = candidate.effect.hold_out(view, candidate)
-    if found is None or (held is not None and held.nats <= held.error):
-        return None
-    left = candidate.effect.refine(view.accept(found))
-    if left is not None and left.excess > 0:
-        return None
-    return replace(found, gain=candidate.gain, log_alternatives=candidate.log_alternatives)
 
 
 def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:

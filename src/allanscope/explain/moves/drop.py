@@ -27,6 +27,9 @@ time: each is a fit."""
 _FAR, _LEAST = 10.0, 3.0
 """How many times what an estimate of the others has gained, or so many nats, may be missing after
 it for the next: that gains less."""
+_BY_CHANCE = np.log(1.25)
+"""Logarithm of the growth of an error that outweighs no gain beyond doubt: the rms of few averaging
+times is so large once in some thousand axes, a jump that is seen is there."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 _ABSURD = np.log(100.0)
@@ -121,9 +124,9 @@ def refuse(
 
     The view as it was where no one or two of those that gain least mend it: then the error has
     grown because the sampling error of the better model is smaller, and all are what they are.
-    What gains beyond doubt goes only where without it no error is larger, neither than before nor
-    than with it: a line that is described twice, or a range that took the noise along. Of a model
-    with an absurd error nothing is kept.
+    What gains beyond doubt goes only where an error has grown clearly, and is no larger without it,
+    neither than before nor than with it: a line that is described twice, or a range that took the
+    noise along. Of a model with an absurd error nothing is kept.
 
     Parameters
     ----------
@@ -175,7 +178,7 @@ def _mends(refused: Candidate, before: ResidualError, now: ResidualError, e: Res
     grown, (left, why) = growth(before, now)[0], growth(before, e)
     if refused.gain < _BEYOND_DOUBT or grown > _ABSURD:
         return left <= _MENDS * grown
-    return not why and not growth(now, e)[1]
+    return grown > _BY_CHANCE and not why and not growth(now, e)[1]
 
 
 def _without(view: View, candidate: Candidate) -> View:

@@ -114,3 +114,21 @@ def test_silent_blocks_follow_no_other_axis_and_warn_of_nothing():
     quiet = np.r_[np.zeros(20), np.ones(20)]
     gains = _Powers(("gy", False), False, 50, quiet >= 0, quiet, quiet + 0.5).gains(0.3)
     assert np.all(np.isfinite(gains))
+
+
+@pytest.mark.parametrize("size", [0.03, 0.08, 0.12])
+@pytest.mark.parametrize("seed", [520, 521])
+def test_a_fan_that_changes_its_speed_is_a_line_at_each(bench, seed, size):
+    """Each was three: the core, and its flanks as lines of their own."""
+    b = bench(seed, seconds=3600.0)
+    phases = 2 * np.pi * 13.0 * b.t + np.cumsum(b.rng.normal(0, 0.042, len(b.t)))
+    phases += 2 * np.pi * 4.3 * np.clip(b.t - 1200.0, 0.0, None)
+    tone = size * np.sin(phases) * (b.t < 2400.0)
+    found = explain(b.record(b.noise() + tone, lsb=1e-4)).axes["gx"].effects
+    lines = sorted(
+        (e.parameters for e in found if e.kind == "drifting_line"),
+        key=lambda line: line["frequency"].value,
+    )
+    assert [line["frequency"].value for line in lines] == pytest.approx([13.0, 17.3], abs=0.03)
+    sizes = [line["sigma"].value for line in lines]
+    assert sizes == pytest.approx([size / 6**0.5] * 2, rel=0.1)

@@ -13,6 +13,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effects.drifting_line import (
@@ -31,8 +32,12 @@ from allanscope.explain.effects.unexplained import Unexplained, tone_without_nam
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moving_band import moving_band
 from allanscope.explain.view import View
+from allanscope.median import median
+from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 __all__ = ["resolve_tones"]
+
+Array = NDArray[np.float64]
 
 _FAMILY = 0.03
 """Width over frequency up to which the clusters of a range are one line."""
@@ -43,6 +48,13 @@ _MOST = 0.8
 _HELD, _NARROW = 0.4, 0.02
 """Share of the power of a range that a line holds beside which the rest is something else, and of
 its width that the line may have."""
+_SEVERAL = 2
+"""Lines in a range that are not one with what is left around it."""
+_OF_A_SLOPE = 0.1
+"""Power of the slopes of a line beyond its flanks over that of the line, at the most."""
+_SLOPE, _FLANK = 3.0, 8
+"""Power over that of the range beside it down to which the flank of a line reaches, and its longest
+one in widths of the core."""
 _LEVEL, _SURELY = 0.5, 3.0
 """Excess over the noise, and that in standard errors, up to which the ends of a range are level."""
 _MAIN = 0.5
@@ -57,6 +69,7 @@ _FAINT = 0.01
 def resolve_tones(view: View, path: SearchPath) -> View:
     """Return the view with every tone that was left out resolved into what it is."""
     tones = [c for c in view.accepted if isinstance(c.effect, Unexplained) and c.effect.is_tone]
+    beside: list[tuple[Candidate, Candidate]] = []
     for whole in tones:  # which grows
         assert isinstance(whole.effect, Unexplained)
         low, high = whole.effect.limits
@@ -74,15 +87,26 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             path.stop("drifting lines")
             parts = [band]
         found = _found(view, parts, band, whole)
-        if not (is_one or path.is_spent or any(one.effect.is_named for one in found)):
+        split: list[Candidate] = []
+        if not (is_one or path.is_spent) and sum(one.effect.is_named for one in found) < _SEVERAL:
             split = _line_and_rest(view, parts, band, whole)
-            found = split or found
+            beside += [(part, split[0]) for part in split[1:]]
             tones += split[1:]  # looked at again beside the line
+        found = split or found
+        if any(_is_slope(found, line) for part, line in beside if part is whole):
+            found = [_without_name(view, band, whole)]
         view = view.without(whole)
         for one in found:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
+
+
+def _is_slope(found: list[Candidate], line: Candidate) -> bool:
+    """Return whether lines beside a louder one are no more than the slope of that."""
+    sizes = [c.effect.sigma.value for c in found if isinstance(c.effect, DriftingLine)]
+    assert isinstance(line.effect, DriftingLine)
+    return bool(sizes) and max(sizes) ** 2 < _OF_A_SLOPE * line.effect.sigma.value**2
 
 
 def _line_and_rest(
@@ -98,14 +122,33 @@ def _line_and_rest(
     widest = max((part.stop - part.first for part in around), default=0)
     if place.stop - place.first > _NARROW * widest:
         return []
-    flank = (place.stop - place.first) // 2
-    place = Cluster(max(band.first, place.first - flank), min(band.stop, place.stop + flank))
+    place = _with_flanks(view, place, band)
     line = drifting_line(view, place, whole)
     if line is None:
         return []
     beside = Cluster(band.first, place.first), Cluster(place.stop, band.stop)
     rest = (_without_name(view, part, whole) for part in beside if part.stop > part.first)
     return [line, *(part for part in rest if not _is_tail(part, [line]))]
+
+
+def _with_flanks(view: View, place: Cluster, band: Cluster) -> Cluster:
+    """Return the core of a line in a range with its flanks, down to what else is there.
+
+    That is told by the median of the range. Of a tone whose phase wanders a tenth of the power is
+    farther away than nine times half the width of such a core.
+    """
+    size = place.stop - place.first
+    squares = view.squares[band.first : band.stop]
+    level = _SLOPE * median(squares) / CHI_SQUARE_MEDIAN
+
+    def reach(outward: Array) -> int:
+        whole = min(len(outward) // size, _FLANK)
+        blocks = outward[: whole * size].reshape(whole, size).mean(axis=1)
+        loud = int(np.argmin(np.append(blocks, 0.0) > level))
+        return max(loud * size, min(size // 2, len(outward)))
+
+    before, after = squares[: place.first - band.first][::-1], squares[place.stop - band.first :]
+    return Cluster(place.first - reach(before), place.stop + reach(after))
 
 
 def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) -> list[Candidate]:

@@ -147,7 +147,7 @@ def find_moved_rows(
     quiet = np.flatnonzero(scatter < _BESIDE)
     pause = _PAUSE_S * rate_hz
     shortest = _SHORTEST_ROWS if rate_hz < _SLOW_HZ else _SHORTEST_S * rate_hz
-    found = []
+    found: list[MovedRows] = []
     for part in np.split(loud, np.flatnonzero(np.diff(loud) > max(2.0, pause / size)) + 1):
         if not len(part) or len(part) < _LOUD_SHARE * (part[-1] + 1 - part[0]):
             continue
@@ -155,7 +155,8 @@ def find_moved_rows(
         first = int(before[-1]) + 1 if len(before) else 0
         last = int(after[0]) - 1 if len(after) else len(many) - 1
         one = _motion(known, first, last, pause)
-        if one.stop - one.first >= shortest:
+        is_new = not found or found[-1].stop <= one.first
+        if is_new and one.stop - one.first >= shortest:
             found.append(one)
     rows = sum(one.stop - one.first for one in found)
     return [] if rows > _MOST * total or len(found) > _MOST_MOTIONS else found

@@ -90,11 +90,12 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         split: list[Candidate] = []
         if not (is_one or path.is_spent) and sum(one.effect.is_named for one in found) < _SEVERAL:
             split = _line_and_rest(view, parts, band, whole)
-            beside += [(part, split[0]) for part in split[1:]]
-            tones += split[1:]  # looked at again beside the line
-        found = split or found
+            found = split or found
         if any(_is_slope(found, line) for part, line in beside if part is whole):
             found = [_without_name(view, band, whole)]
+        else:
+            beside += [(part, split[0]) for part in split[1:]]
+            tones += split[1:]  # looked at again beside the line
         view = view.without(whole)
         for one in found:
             path.note("resolve", one, "accepted")

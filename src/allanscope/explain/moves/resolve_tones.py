@@ -48,8 +48,6 @@ _MOST = 0.8
 _HELD, _NARROW = 0.4, 0.02
 """Share of the power of a range that a line holds beside which the rest is something else, and of
 its width that the line may have."""
-_SEVERAL = 2
-"""Lines in a range that are not one with what is left around it."""
 _OF_A_SLOPE = 0.1
 """Power of the slopes of a line beyond its flanks over that of the line, at the most."""
 _SLOPE, _FLANK = 3.0, 8
@@ -88,7 +86,7 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             parts = [band]
         found = _found(view, parts, band, whole)
         split: list[Candidate] = []
-        if not (is_one or path.is_spent) and sum(one.effect.is_named for one in found) < _SEVERAL:
+        if not (is_one or path.is_spent or _is_settled(view, band, found)):
             split = _line_and_rest(view, parts, band, whole)
             found = split or found
         if any(_is_slope(found, line) for part, line in beside if part is whole):
@@ -101,6 +99,17 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
+
+
+def _is_settled(view: View, band: Cluster, found: list[Candidate]) -> bool:
+    """Return whether a range has a name, that of a single line only where it is loudest."""
+    named = [c.effect for c in found if c.effect.is_named]
+    if len(named) != 1 or not isinstance(named[0], DriftingLine):
+        return bool(named)
+    place = core(view, band, _HELD)
+    flank = place.stop - place.first
+    low, high = _frequency(view, place.first - flank), _frequency(view, place.stop + flank)
+    return low < named[0].frequency.value < high
 
 
 def _is_slope(found: list[Candidate], line: Candidate) -> bool:

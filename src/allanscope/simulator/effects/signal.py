@@ -28,6 +28,7 @@ __all__ = [
     "cross_coupling",
     "drifting_line",
     "excursion",
+    "motion",
     "outliers",
     "relaxation",
     "shock",
@@ -126,6 +127,31 @@ def shock(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     def apply(values: NDArray[Any], conditions: Conditions) -> None:
         t = np.maximum(conditions.time_s - begin, 0.0) / duration
         values += peak * np.exp(-_DECAYS * t) * np.cos(2 * pi * _CYCLES * t)
+
+    return apply
+
+
+_SWINGS_HZ = (0.3, 0.8, 1.7)
+"""Of a hand."""
+
+
+@effect(
+    "motion",
+    "the board is carried or turned for a while",
+    "signal",
+    duration=Parameter("s", "until it lies still again", above=0.0),
+    peak=Parameter("axis", "of the swings together", above=0.0),
+)
+def motion(parameters: Mapping[str, float], context: EffectContext) -> Apply:
+    """Add slow swings of random phases from the time of the motion until it is over."""
+    duration, peak, begin = parameters["duration"], parameters["peak"], context.onset_s
+    phases = context.rng.uniform(0.0, 2.0 * pi, len(_SWINGS_HZ))
+
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        t = conditions.time_s - begin
+        moved = (t >= 0.0) & (t < duration)
+        for hertz, phase in zip(_SWINGS_HZ, phases, strict=True):
+            values += peak / len(phases) * moved * np.sin(2.0 * pi * hertz * t + phase)
 
     return apply
 

@@ -255,8 +255,8 @@ class View:
     @once
     def shocks_taken(self) -> frozenset[int]:
         """Numbers of the shocks of the record that have been taken out of this axis."""
-        of_rows = (c for c in self.accepted if c.kind in {"shock", "motion"})
-        taken = [c.signal for c in of_rows if c.signal is not None]
+        removing = (c for c in self.accepted if c.effect.removes_rows)
+        taken = [c.signal for c in removing if c.signal is not None]
         if not taken:
             return frozenset()
         return frozenset(

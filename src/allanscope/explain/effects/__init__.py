@@ -143,6 +143,8 @@ class EffectKind(ABC):
         Whether beside it the innovations are not a Gaussian's.
     of_the_stream : bool
         Whether it is the same on every axis, and takes nothing out of the data of any.
+    removes_rows : bool
+        Whether it takes its rows out of an axis, and out of others that this axis may follow.
     repeats_rows : bool
         Whether its ``fraction`` is that of rows which repeat the row before.
     must_replicate : bool
@@ -181,6 +183,7 @@ class EffectKind(ABC):
     resembles_bend: ClassVar[bool] = False
     is_not_gaussian: ClassVar[bool] = False
     of_the_stream: ClassVar[bool] = False
+    removes_rows: ClassVar[bool] = False
     repeats_rows: ClassVar[bool] = False
     must_replicate: ClassVar[bool] = False
 

@@ -74,6 +74,7 @@ class Shock(EffectKind):
     shared_by = "time"
     is_rival = False
     is_not_gaussian = False
+    removes_rows = True
     is_motion: ClassVar[bool] = False
     """Whether the board is moved, for longer than a shock."""
     confused_with: ClassVar[Mapping[str, str]] = {

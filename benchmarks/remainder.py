@@ -36,7 +36,6 @@ from allanscope.explain import explain
 from allanscope.explain.spectrum import Spectrum
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, fit_noise
-from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.fit import Known
 from allanscope.noise.grid import grid_of
@@ -199,8 +198,8 @@ def measured() -> Iterator[tuple[str, float, list[float], float]]:
             cut = int(TRAINED * len(values))
             accepted = explanation.held.accepted[axis]
             parts: list[Part] = [part for one in accepted for part in one.parts]
-            parts += [one.profile for one in accepted if isinstance(one.profile, Component)]
-            lines = {r for one in accepted if one.profile is not None for r in one.excluded}
+            parts += [one for c in accepted for one in c.profiles]
+            lines = {(p.low, p.high) for c in accepted for p in c.profiles}
             doubtful = tuple(
                 r for one in accepted if one.signal is None for r in one.excluded if r not in lines
             )

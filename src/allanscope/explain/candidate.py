@@ -77,8 +77,9 @@ class Candidate:
         Stationary part: processes and filters, to be added to the model.
     excluded : tuple of (low, high)
         Frequencies in Hz that are left out of the fit.
-    profile : LineProfile or None
-        What stands in their place in the final model, which leaves nothing out.
+    profiles : tuple of LineProfile
+        What stands in their place in the final model, which leaves nothing out; where there is none
+        its remainder does.
     rivals : mapping
         Log-likelihood gains of other kinds for the same symptom, in nats.
     held_out : HeldOut or None
@@ -99,7 +100,7 @@ class Candidate:
     signal: Array | None = field(default=None, repr=False)
     parts: tuple[Part, ...] = ()
     excluded: tuple[tuple[float, float], ...] = ()
-    profile: LineProfile | None = None
+    profiles: tuple[LineProfile, ...] = ()
     rivals: Mapping[str, float] = field(default_factory=dict)
     held_out: HeldOut | None = None
     axes: tuple[str, ...] = ()

@@ -93,8 +93,8 @@ def known_of(view: View) -> Known:
     effects = [c for c in view.accepted if not c.effect.is_coefficient]
     signals = [c.signal for c in effects if c.signal is not None]
     signal = view.series.at_record(np.sum(signals, axis=0)) if signals else None
-    profiles = [c.profile for c in effects if c.profile is not None]
-    lines = {one for c in effects if c.profile is not None for one in c.excluded}
+    profiles = [one for c in effects for one in c.profiles]
+    lines = {(one.low, one.high) for one in profiles}
     left_out = [c.excluded for c in effects if c.signal is not None or c.seen_in]
     excluded = tuple(one for ranges in left_out for one in ranges)
     doubtful = tuple(r for r in view.excluded if r not in excluded and r not in lines)

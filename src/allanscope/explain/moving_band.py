@@ -108,7 +108,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
         swells=_swelling(excess, profile.sigma, independent),
     )
     found = replace(searched, gain=gain_of(view, cluster, profile), held_out=held)
-    measured = replace(found, excluded=((profile.low, profile.high),), profile=profile)
+    measured = replace(found, excluded=((profile.low, profile.high),), profiles=(profile,))
     if lines is None:
         return replace(measured, effect=effect)
     part, log_error = lines

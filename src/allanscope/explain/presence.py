@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 
-__all__ = ["Presence", "presence_of"]
+__all__ = ["FINEST", "Presence", "presence_of"]
 
 Array = NDArray[np.float64]
 
 _PARTS = (256, 128, 64, 32, 16)
 """Parts of the record, the finest first."""
+FINEST = _PARTS[0]
+"""Parts of the record to one of which it is known when something begins and ends."""
 _STANDS_OUT = 5.0
 """Standard deviations of the noise in a part: its chi-square has few degrees of freedom, and of 256
 parts one comes so far in one record of ten."""

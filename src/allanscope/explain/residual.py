@@ -54,6 +54,7 @@ __all__ = [
     "error_of",
     "excess_kurtosis",
     "excess_skewness",
+    "quiet_innovations",
     "removes",
     "same_ordinates",
     "shares_of",
@@ -147,12 +148,21 @@ def _independent(count: Array, innovations: Array) -> Array:
     return np.asarray(count / (1 + 2 * shares @ squares))
 
 
+def quiet_innovations(view: View) -> Array:
+    """Return the innovations of rows in which nothing is there that comes and goes.
+
+    A machine that is switched on and off begins and ends at once, which no spectrum describes.
+    """
+    spans = [span for c in view.accepted for span in c.effect.spans]
+    return view.innovations[_ENDS:-_ENDS][~view.rows_within(spans)[_ENDS:-_ENDS]]
+
+
 def excess_kurtosis(view: View, stretches: int = 1) -> tuple[float, float]:
     """Kurtosis of the innovations beyond a Gaussian's, and its standard error.
 
     Of several stretches it is the mean of theirs, each with a variance of its own.
     """
-    squares = view.innovations[_ENDS:-_ENDS] ** 2
+    squares = quiet_innovations(view) ** 2
     length = len(squares) // stretches
     squares = squares[: length * stretches].reshape(stretches, length)
     variance = np.maximum(np.mean(squares, axis=1), 1e-300)
@@ -162,7 +172,7 @@ def excess_kurtosis(view: View, stretches: int = 1) -> tuple[float, float]:
 
 def excess_skewness(view: View) -> tuple[float, float]:
     """Skewness of the innovations, 0 for a Gaussian, and its standard error."""
-    white = view.innovations[_ENDS:-_ENDS]
+    white = quiet_innovations(view)
     white = white - white.mean()
     skewness = float(np.mean(white * white**2)) / float(np.mean(white**2)) ** 1.5
     return skewness, float(np.sqrt(6 / len(white)))
@@ -257,7 +267,7 @@ def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tu
     nameless = [c for c in view.accepted if not c.effect.is_named]
     likelihood = Likelihood(after.evidence)
     model = after.fit.model
-    bands = {(c.profile.low, c.profile.high) for c in nameless if c.profile is not None}
+    bands = {(one.low, one.high) for c in nameless for one in c.profiles}
     components = tuple(
         one for one in model if not (isinstance(one, LineProfile) and (one.low, one.high) in bands)
     )

@@ -7,6 +7,7 @@
            ▲                                                                                     │
            └─────────────────────────────────────────────────────────────────────────────────────┘
         replace drift
+    at the end: resolve tones ──▶ what is left over, once more ──▶ join flanks
 
 A hypothesis is a `View`: a model with its maximised likelihood. The moves are in `moves`, what a
 candidate must pass is in `gates`, and what was tried is kept in a `SearchPath`.
@@ -33,6 +34,7 @@ from allanscope.explain.moves.add_bands import add_bands
 from allanscope.explain.moves.drop import drop, drop_taken_over
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.give_back import give_back
+from allanscope.explain.moves.join_flanks import join_flanks
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
 from allanscope.explain.moves.resolve_tones import resolve_tones
@@ -103,7 +105,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     resolved = resolve_tones(view, path)
     if resolved is not view:
         view = _settle(_fitted(_without_bands(resolved), path), _LEFT_OVER, budget, path)
-    view = with_misfits_joined(view)
+    view = join_flanks(with_misfits_joined(view), path)
     full = len(view.accepted) >= budget.effects
     for step in path.steps:
         _LOG.debug("%s %s", view.axis, step)
@@ -111,9 +113,17 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
 
 
 def _without_bands(view: View) -> View:
-    """Return the view without the bands that did not fit, which are looked at again."""
-    misfits = [c for c in view.accepted if isinstance(c.effect, Unexplained) and c.effect.is_misfit]
-    return view.without(*misfits)
+    """Return the view without what did not fit in bands or in the distribution.
+
+    That is looked at again: it may be a part of what has a name by now.
+    """
+    left = [
+        c
+        for c in view.accepted
+        if isinstance(c.effect, Unexplained)
+        and (c.effect.is_misfit or c.effect.shows_in_distribution)
+    ]
+    return view.without(*left)
 
 
 def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:

@@ -35,6 +35,9 @@ _TEXTBOOK = (White(1.0), Flicker(1.0), RandomWalk(1.0))
 """N, B and K, with sizes that the fit replaces."""
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Span = tuple[float, float]
+"""From and until when, in s."""
 
 _LEAST_KEPT = 0.1
 """Share of the ordinates that must stay in the fit: of none, no noise can be told."""
@@ -225,6 +228,15 @@ class View:
     def scan(self) -> StepScan:
         """What steps and boxes of the level gain under the fitted noise, at every instant."""
         return StepScan(self.grid, self.ordinates, self.spectrum)
+
+    def rows_within(self, spans: Iterable[Span], margin_s: float = 0.0) -> Flags:
+        """Tell which rows are within stretches of time, or as near to one as a margin."""
+        rate, start_s = self.grid.rate_hz, self.series.start_s
+        within = np.zeros(self.grid.n, bool)
+        for first, last in spans:
+            begin, stop = ((at - start_s) * rate for at in (first - margin_s, last + margin_s))
+            within[max(0, round(begin)) : max(0, round(stop))] = True
+        return within
 
     @property
     def samples(self) -> Array:

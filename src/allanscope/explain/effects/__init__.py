@@ -42,7 +42,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.heldout import halves, interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance
-from allanscope.explain.view import View
+from allanscope.explain.view import Span, View
 from allanscope.noise.components import Component
 from allanscope.noise.grid import Grid
 
@@ -267,6 +267,11 @@ class EffectKind(ABC):
     def shows_in_distribution(self) -> bool:
         """Whether it shows in the distribution of the samples, and not in their spectrum."""
         return False
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """From and until when it is there, in s, where that is a part of the record only."""
+        return ()
 
     @property
     def relaxation_s(self) -> float | None:

@@ -35,7 +35,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.presence import Presence, presence_of
 from allanscope.explain.series import in_time
 from allanscope.explain.stationarity import demodulate
-from allanscope.explain.view import View
+from allanscope.explain.view import Span, View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Grid
 from allanscope.quantities import CHI_SQUARE_MEDIAN, measured
@@ -100,7 +100,7 @@ class DriftingLine(EffectKind):
     amplitude_least: float
     amplitude_most: float
     share_of_time: float | None = None
-    present: tuple[tuple[float, float], ...] | None = None
+    present: tuple[Span, ...] | None = None
 
     kind = "drifting_line"
     meaning = "a tone whose amplitude, phase or frequency changes slowly"
@@ -133,6 +133,11 @@ class DriftingLine(EffectKind):
             f"{measured(self.amplitude_least, unit=self.sigma.unit)} to "
             f"{measured(self.amplitude_most, unit=self.sigma.unit)} over tenths of the record)"
         )
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """From and until when it is there, where that is a part of the record only."""
+        return self.present or ()
 
     @classmethod
     def propose(cls, view: View) -> tuple[()]:
@@ -346,7 +351,7 @@ def drifting_line(
         alpha=searched.alpha,
         is_paid=searched.is_paid,
         excluded=((profile.low, profile.high),),
-        profile=profile,
+        profiles=(profile,),
         held_out=held,
     )
 

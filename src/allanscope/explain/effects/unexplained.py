@@ -30,6 +30,7 @@ from allanscope.explain.residual import (
     band_scores,
     excess_kurtosis,
     excess_skewness,
+    quiet_innovations,
     removes,
 )
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of, reach_of
@@ -639,14 +640,16 @@ def _tails(view: View) -> list[Candidate]:
     words = f"{tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
     gain = (kurtosis / error) ** 2 / 2
     figures = {"excess_kurtosis": kurtosis}
-    period_s = noise_level_period(view.innovations, view.grid.rate_hz) if kurtosis > 0 else None
+    white, period_s = quiet_innovations(view), None
+    if kurtosis > 0 and not any(c.effect.spans for c in view.accepted):
+        period_s = noise_level_period(view.innovations, view.grid.rate_hz)
     if period_s is not None:
         words += f": the noise is louder every {period_s:.4g} s"
         figures["period_s"] = period_s
     elif abs(kurtosis) < _SLIGHT_KURTOSIS:
         return []
     elif kurtosis > 0:
-        figures["core_ratio"] = core = _core_ratio(view.innovations)
+        figures["core_ratio"] = core = _core_ratio(white)
         if core < _CORE:
             words += f": its core has {core:.2g} times the noise"
     return [_distribution(view, gain, words, **figures)]

@@ -16,6 +16,7 @@
 `split_bands`         a band becomes the two resonances within each other's width that it is
 `replace_drift`       slow effects that are pieces of a drift without a name become `unexplained`
 `resolve_tones`       what was left out of the fit becomes the lines that drift in it
+`join_flanks`         what is there only while a far louder line is there becomes a part of that
 ====================  ==========================================================================
 
 What every move tries is noted in a `SearchPath`, which also bounds the search. Where no kind fits,

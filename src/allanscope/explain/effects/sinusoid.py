@@ -62,6 +62,8 @@ _BESIDE = 400
 """Ordinates on each side that tell the level around a line."""
 _CONSTANT_P = 1e-5
 """Chance below which the parts of a line differ too much to be one line."""
+_REMNANT = 0.2
+"""Power that a line may leave of what it is, which it is taken for as a whole."""
 _AGREE = 5.0
 """Standard errors within which sidebands count as equal, and as equally far from the carrier."""
 _ASIDE = 0.25
@@ -186,6 +188,28 @@ class Sinusoid(EffectKind):
         found = replace(self, amplitude=Estimate.of(size, error, self.amplitude.unit))
         signal = amplitude @ _pair(view, self.frequency.value)
         return replace(candidate, effect=found, signal=signal)
+
+
+def constant_line(view: View, low: float, high: float) -> Candidate | None:
+    """Return the line that all power between two frequencies is; None where it is not one line.
+
+    `view` is without what left them out of its fit. What is loud beside a line hides in a search
+    that it is constant.
+    """
+    found = _at(view, (low + high) / 2)
+    effect = found.effect
+    assert isinstance(effect, Sinusoid)
+    if not (low < effect.frequency.value < high and effect.is_constant and found.excess > 0):
+        return None
+    inside = slice(*np.searchsorted(view.grid.frequency, [low, high]).tolist())
+    rest = view.accept(found)
+    noise = view.spectrum.ordinates[inside]
+    power = float((view.squares[inside] - noise).sum())
+    left, error = float((rest.squares[inside] - noise).sum()), float(np.sqrt(2 * noise @ noise))
+    if left > _REMNANT * power + error:
+        return None
+    held = effect.hold_out(view, found)
+    return replace(found, held_out=held) if held.nats > held.error else None
 
 
 def sidebands(lines: Sequence[Sinusoid]) -> tuple[Sinusoid, ...]:

@@ -2,8 +2,9 @@
 
 While the search goes on, a tone that changes is left out of the fit together with all that touches
 it. Once everything else is known, the noise beside it is known too, and what was left out can be
-looked at: clusters of loud ordinates become drifting lines, and what is between them returns to the
-fit. What is no line stays `unexplained`, with the size and the distribution of its power.
+looked at: clusters of loud ordinates become lines, most of which drift, and what is between them
+returns to the fit. What is no line stays `unexplained`, with the size and the distribution of its
+power.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from allanscope.explain.effects.drifting_line import (
     profile_of,
     range_of,
 )
+from allanscope.explain.effects.sinusoid import constant_line
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moving_band import moving_band
@@ -60,6 +62,8 @@ _MAIN = 0.5
 _GAP, _SOME = 0.2, 0.05
 """Share of a range that has no cluster in it, from which it is no band; and share of the power that
 a cluster which counts there has at the least."""
+_FEW = 16
+"""Ordinates of a line that is constant, with those that its ends leak into, at the most."""
 _FAINT = 0.01
 """Gain over that of a line within a bandwidth of it, from which a part is more than its tail."""
 
@@ -163,7 +167,7 @@ def _with_flanks(view: View, place: Cluster, band: Cluster) -> Cluster:
 
 def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) -> list[Candidate]:
     """Return what a range is made of: lines, bands, and parts without a name."""
-    named = [drifting_line(view, part, whole) for part in parts]
+    named = [drifting_line(view, part, whole) or _constant(view, part, whole) for part in parts]
     if not all(named):
         power = [excess(view, part) for part in parts]
         loud = [p for p, own in zip(parts, power, strict=True) if own > _SOME * sum(power)]
@@ -186,6 +190,14 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
         if name is None
     ]
     return [*known, *(part for part in rest if not _is_tail(part, known))]
+
+
+def _constant(view: View, part: Cluster, whole: Candidate) -> Candidate | None:
+    """Return the line that does not drift which a narrow part is; None where it is none."""
+    if part.stop - part.first > _FEW:
+        return None
+    bare = view.without(whole)
+    return constant_line(bare, _frequency(view, part.first), _frequency(view, part.stop))
 
 
 def _on_slope(view: View, part: Cluster, whole: Candidate, band: Cluster) -> Candidate | None:

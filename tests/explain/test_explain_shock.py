@@ -107,7 +107,8 @@ def test_levels_beside_a_shock_are_finer_than_a_step_of_the_values():
     first, stop, error = 14_000, 15_920, 2.8 * np.sqrt(1.19 / 1920)
     ends = []
     for seed in range(50):
-        _, level = quiet_rows(coarse(seed, 0.0)[0], first, stop, 2.8)
+        rows = coarse(seed, 0.0)[0]
+        _, level = quiet_rows(rows, first, stop, 2.8, np.zeros(len(rows), bool))
         ends.append((level[0], level[-1]))
     assert np.std(ends) == pytest.approx(error, rel=0.2)
     assert np.mean(ends) == pytest.approx(20.5, abs=0.03)
@@ -413,3 +414,22 @@ def test_a_median_of_values_that_are_counted_is_that_of_values_that_are_sorted(
     np.testing.assert_array_equal(
         _running_median(values, window, step), median_filter(values, window, mode="reflect")
     )
+
+
+def knock(t, at, size, decay=0.6):
+    after = np.maximum(t - at, 0.0)
+    return size * SIGMA * np.exp(-after / decay) * np.sin(2 * np.pi * 11.0 * after)
+
+
+@pytest.mark.parametrize("seed", range(960, 966))
+def test_a_knock_seconds_after_another_is_no_part_of_the_quiet_around_it(bench, seed):
+    """Rows of the second one were taken for the noise that goes on through the first."""
+    b = bench(seed, 600.0)
+    rows = b.noise() + knock(b.t, 300.0, 10.0) + knock(b.t, 303.0, 10.0)
+    found = explain(b.record(rows))
+    assert [effect.kind for effect in found.axes["gx"].effects] == ["shock", "shock"]
+    truth = float(knock(b.t, 300.0, 10.0).max())
+    for effect in found.axes["gx"].effects:
+        assert effect.parameters["peak"].value == pytest.approx(truth, abs=2.5 * SIGMA)
+    around = slice(299 * 52, 306 * 52)
+    assert found.cleaned["gx"][around].std() < 1.2 * SIGMA

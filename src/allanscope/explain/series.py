@@ -19,7 +19,7 @@ from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from allanscope.allan import AllanBank, Deviation
-from allanscope.explain.shock_removal import extent_of, quiet_rows, with_pulse
+from allanscope.explain.shock_removal import extent_of, quiet_rows, shaken_rows, with_pulse
 from allanscope.explain.shock_rows import Levelled, ShockRows, find_shock_rows
 from allanscope.history import Record
 from allanscope.lazy import once
@@ -328,7 +328,8 @@ class Series:
         for one in (self.shocks[number] for number in shocks):
             whole = with_pulse(rows, one, self.rate_hz)
             first, stop = extent_of(rows, whole, self.rate_hz)
-            rows[first:stop] = quiet_rows(rows, first, stop, one.sigma[axis])[0]
+            others = shaken_rows(self.shocks, one, len(rows), self.rate_hz)
+            rows[first:stop] = quiet_rows(rows, first, stop, one.sigma[axis], others)[0]
         ordinates = np.asarray(dct(rows - rows.mean(), norm="ortho")[1:])
         power = _over_noise(ordinates[np.newaxis], self.grid)
         return Source(rows, ordinates, power[0] > LOUD, _with_lines(power)[0])

@@ -5,6 +5,7 @@ The level before is drawn through them to the level after, with noise like that 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 
 from allanscope.explain.shock_rows import ShockRows
 
-__all__ = ["LONGEST_PULSE_S", "MARGIN_S", "extent_of", "quiet_rows", "with_pulse"]
+__all__ = ["LONGEST_PULSE_S", "MARGIN_S", "extent_of", "quiet_rows", "shaken_rows", "with_pulse"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 MARGIN_S = 0.3
 """Before and after what is loud, taken out too."""
@@ -60,22 +62,38 @@ def extent_of(data: Array, shaken: ShockRows, rate_hz: float) -> tuple[int, int]
     return first, min(len(data), stop)
 
 
-def quiet_rows(data: Array, first: int, stop: int, sigma: float) -> tuple[Array, Array]:
+def shaken_rows(
+    shocks: Iterable[ShockRows], besides: ShockRows, rows: int, rate_hz: float
+) -> Flags:
+    """Tell which of so many rows the shocks besides one may take with them."""
+    margin = int(np.ceil(MARGIN_S * rate_hz))
+    found = np.zeros(rows, bool)
+    for one in shocks:
+        if one.stop <= besides.first or besides.stop <= one.first:
+            found[max(0, one.first - margin) : one.stop + 2 * margin] = True
+    return found
+
+
+def quiet_rows(
+    data: Array, first: int, stop: int, sigma: float, shaken: Flags
+) -> tuple[Array, Array]:
     """Return the level from before to after with noise on it, and the level alone.
 
     The level is straight; where it is clearly another one afterwards it changes in the middle, so
     that one step is all there is left of it. The noise goes on from before and leads to what comes
-    after: a line in it must not break off.
+    after: a line in it must not break off. It is none of `shaken`, the rows of other shocks.
     """
     size = stop - first
-    before, after = data[max(0, first - size) : first], data[stop : stop + size]
-    ends = [_level(side) for side in (before, after) if len(side)]
+    sides = slice(max(0, first - size), first), slice(stop, stop + size)
+    rest = [quiet if len(quiet := data[s][~shaken[s]]) else data[s] for s in sides]
+    ends = [_level(side) for side in rest if len(side)]
     level = np.linspace(ends[0], ends[-1], size)
-    counts = [len(side) for side in (before, after) if len(side)]
+    counts = [len(side) for side in rest if len(side)]
     error = sigma * float(np.sqrt(sum(_ROBUST / count for count in counts)))
     if abs(ends[-1] - ends[0]) > _LEVELS * error:
         level = np.where(np.arange(size) < size // 2, ends[0], ends[-1])
-    onward, back = _continued(data[:first], size), _continued(data[stop:][::-1], size)
+    onward = _continued(data[:first], shaken[:first], size)
+    back = _continued(data[stop:][::-1], shaken[stop:][::-1], size)
     turn = np.pi / 2 * (np.arange(size) + 0.5) / size
     if onward is not None and back is not None:
         noise = np.cos(turn) * onward + np.sin(turn) * back[::-1]  # the power stays
@@ -84,8 +102,8 @@ def quiet_rows(data: Array, first: int, stop: int, sigma: float) -> tuple[Array,
     elif back is not None:
         noise = back[::-1]
     else:
-        rest = np.concatenate([before, after])
-        noise = np.resize(rest - _level(rest), size)
+        both = np.concatenate(rest)
+        noise = np.resize(both - _level(both), size)
     return np.asarray(level + noise), level
 
 
@@ -98,17 +116,23 @@ def _level(rows: Array) -> float:
     return float(np.mean(np.sort(rows)[cut : len(rows) - cut]))
 
 
-def _continued(rows: Array, size: int) -> Array | None:
+def _continued(rows: Array, shaken: Flags, size: int) -> Array | None:
     """Return rows that go on from some, taken from where these were most alike before."""
-    near = rows[-(_ALIKE_SIZES * size + _ALIKE_ROWS) :]
+    reach = _ALIKE_SIZES * size + _ALIKE_ROWS
+    near, loud = rows[-reach:], shaken[-reach:]
     if len(near) < size + 2 * _ALIKE_ROWS:
         return None
     near = near - _level(near[-size - _ALIKE_ROWS :])
     windows = sliding_window_view(near[:-size], _ALIKE_ROWS)
     parts = np.array_split(windows, len(windows) // _AT_A_TIME + 1)  # each copies its windows
     apart = np.concatenate([np.sum((part - near[-_ALIKE_ROWS:]) ** 2, axis=1) for part in parts])
-    begin = int(np.argmin(apart)) + _ALIKE_ROWS
-    return near[begin : begin + size]
+    before = np.concatenate([[0], np.cumsum(loud)])
+    taken = slice(_ALIKE_ROWS, _ALIKE_ROWS + len(apart))
+    apart[before[taken.start + size : taken.stop + size] > before[taken]] = np.inf
+    begin = int(np.argmin(apart))
+    if apart[begin] == np.inf:
+        return None
+    return near[begin + _ALIKE_ROWS : begin + _ALIKE_ROWS + size]
 
 
 def _tail(data: Array, first: int, stop: int, size: int) -> int:

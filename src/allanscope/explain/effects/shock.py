@@ -31,6 +31,7 @@ from allanscope.explain.shock_removal import (
     MARGIN_S,
     extent_of,
     quiet_rows,
+    shaken_rows,
     with_pulse,
 )
 from allanscope.explain.shock_rows import ShockRows
@@ -125,7 +126,8 @@ class Shock(EffectKind):
         if not cls.is_motion and _goes_on(view.data, shaken.first, shaken.stop, sigma):
             return None
         first, stop = extent_of(view.data, shaken, rate)
-        rest, level = quiet_rows(view.data, first, stop, sigma)
+        others = shaken_rows(view.series.shocks, shaken, n, rate)
+        rest, level = quiet_rows(view.data, first, stop, sigma, others)
         signal = np.zeros(n)
         signal[first:stop] = view.data[first:stop] - rest
         duration = (shaken.stop - shaken.onset[0]) / rate

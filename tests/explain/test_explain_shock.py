@@ -433,3 +433,14 @@ def test_a_knock_seconds_after_another_is_no_part_of_the_quiet_around_it(bench, 
         assert effect.parameters["peak"].value == pytest.approx(truth, abs=2.5 * SIGMA)
     around = slice(299 * 52, 306 * 52)
     assert found.cleaned["gx"][around].std() < 1.2 * SIGMA
+
+
+@pytest.mark.parametrize("seed", range(970, 974))
+def test_an_axis_that_rings_softly_with_a_loud_one_is_asked_for_at_its_time(bench, seed):
+    b = bench(seed, 600.0)
+    times = (100.0, 300.0, 450.0)
+    loud, soft = (b.noise() + sum(knock(b.t, at, size) for at in times) for size in (30.0, 4.5))
+    axes = explain(b.record(loud, soft, b.noise())).axes
+    assert [effect.kind for effect in axes["gy"].effects] == ["shock"] * 3
+    assert {effect.axes for effect in axes["gy"].effects} == {("gx", "gy")}
+    assert not axes["gz"].effects

@@ -267,7 +267,8 @@ def find_shock_rows(axes: Sequence[Levelled], repeated: Flags) -> list[ShockRows
     away = {one.axis: one.away for one in axes if one.away is not None}
     loud = [(group.first, group.stop) for group in groups]
     loud += [(one.first, one.stop) for one in moved]
-    found, looked_at = _soft(axes, loud, repeated)
+    bursts, looked_at = _bursts(axes, repeated)
+    found = _soft(bursts, loud, rate_hz, looked_at)
     for first, stop in _events(groups, rate_hz):
         part = slice(first, stop)
         sigma = {
@@ -275,6 +276,7 @@ def find_shock_rows(axes: Sequence[Levelled], repeated: Flags) -> list[ShockRows
             for axis, one in away.items()
             if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
+            or any(x.axis == axis and b.first < stop and first < b.stop for x, b in bursts)
         }
         onset = _onset([away[axis].rows for axis in sigma], first, stop)
         found.append(ShockRows(first, stop, sigma, onset, looked_at))
@@ -358,33 +360,35 @@ def _with_ends(
     return found
 
 
-def _soft(
-    axes: Sequence[Levelled], loud: Sequence[tuple[int, int]], repeated: Flags
-) -> tuple[list[ShockRows], float]:
-    """Return what rings softly, away from what is loud, and the log of what was looked at."""
+def _bursts(
+    axes: Sequence[Levelled], repeated: Flags
+) -> tuple[list[tuple[Levelled, Burst]], float]:
+    """Return what rings, on which axis, the first one first, and the log of what was looked at."""
     fine = [one for one in axes if one.is_fine]
-    rate_hz = axes[0].rate_hz
-    looked_at = float(np.log(len(axes[0].rows)))
     with ThreadPoolExecutor(get_workers()) as pool:
         each = list(pool.map(lambda one: one.bursts(len(fine), repeated), fine))
-    if each:
-        looked_at = each[0][1]  # the same for every axis
-    found = [
-        (one, burst)
-        for one, (bursts, _) in zip(fine, each, strict=True)
-        for burst in bursts
-        if not _is_near(burst, loud, rate_hz)
-    ]
+    found = [(one, burst) for one, (own, _) in zip(fine, each, strict=True) for burst in own]
+    looked_at = each[0][1] if each else float(np.log(len(axes[0].rows)))  # the same for every axis
+    return sorted(found, key=lambda pair: pair[1].first), looked_at
+
+
+def _soft(
+    bursts: Sequence[tuple[Levelled, Burst]],
+    loud: Sequence[tuple[int, int]],
+    rate_hz: float,
+    looked_at: float,
+) -> list[ShockRows]:
+    """Return the shocks of which nothing is loud."""
     sets: list[list[tuple[Levelled, Burst]]] = []
-    for one in sorted(found, key=lambda pair: pair[1].first):
+    for one in bursts:
+        if _is_near(one[1], loud, rate_hz):
+            continue
         if sets and one[1].first < max(burst.stop for _, burst in sets[-1]):
             sets[-1].append(one)
         else:
             sets.append([one])
     short = [s for s in sets if s[-1][1].first - s[0][1].first < _SHORT_S * rate_hz]
-    if len(short) > _MOST_SHOCKS:
-        return [], looked_at
-    return [_ringing(members, looked_at) for members in short], looked_at
+    return [] if len(short) > _MOST_SHOCKS else [_ringing(members, looked_at) for members in short]
 
 
 def _is_near(burst: Burst, loud: Sequence[tuple[int, int]], rate_hz: float) -> bool:

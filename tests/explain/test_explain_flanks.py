@@ -57,6 +57,15 @@ def test_two_speeds_whose_phase_wanders_are_two_lines(bench, seed):
     assert one.explained
 
 
+def test_machines_that_take_turns_leave_rows_to_be_judged_by(bench):
+    b = bench(3, 1800.0)
+    spans = [(0.0, 600.0), (600.0, 1200.0), (1200.0, 1800.0)]
+    turns = [machine(b, 10.0, f, span) for f, span in zip((11.0, 15.0, 19.0), spans, strict=True)]
+    one = found(b, *turns)
+    lines = [e.parameters["frequency"].value for e in one.effects if e.kind == "drifting_line"]
+    assert sorted(lines) == pytest.approx([11.0, 15.0, 19.0], abs=0.02)
+
+
 @pytest.mark.parametrize(("seed", "size"), [(8, 20.0), (11, 10.0)])
 def test_the_noise_is_not_louder_where_a_machine_begins(bench, seed, size):
     b = bench(seed, 3600.0)

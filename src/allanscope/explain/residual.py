@@ -75,6 +75,8 @@ _MISSHAPEN, _COUNTED, _TWICE = 0.35, 32, 2.0
 a process has not the form of the spectrum; standard errors that are taken off it."""
 _ENDS = 16
 """Rows at each end of the record in which whitening leaves the end of a strong tone."""
+_FEWEST, _QUIET = 1000, 0.1
+"""Rows, and share of the rows, from which they tell what the distribution of all is."""
 _NOTHING = 1.0
 """Nats below which there is no excess to be shared out."""
 
@@ -151,10 +153,13 @@ def _independent(count: Array, innovations: Array) -> Array:
 def quiet_innovations(view: View) -> Array:
     """Return the innovations of rows in which nothing is there that comes and goes.
 
-    A machine that is switched on and off begins and ends at once, which no spectrum describes.
+    A machine that is switched on and off begins and ends at once, which no spectrum describes. All
+    of them where machines take turns and leave too few.
     """
     spans = [span for c in view.accepted for span in c.effect.spans]
-    return view.innovations[_ENDS:-_ENDS][~view.rows_within(spans)[_ENDS:-_ENDS]]
+    white, quiet = view.innovations[_ENDS:-_ENDS], ~view.rows_within(spans)[_ENDS:-_ENDS]
+    enough = max(_FEWEST, _QUIET * len(white))
+    return white[quiet] if np.count_nonzero(quiet) > enough else white
 
 
 def excess_kurtosis(view: View, stretches: int = 1) -> tuple[float, float]:

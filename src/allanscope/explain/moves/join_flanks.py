@@ -92,7 +92,9 @@ def join_flanks(view: View, path: SearchPath) -> View:
         path.note("join", edge, "where a line begins or ends")
         view = view.without(edge)
     found = [(c, _Power.of(view, c)) for c in view.accepted if _may_be_flank(c)]
-    for flank, power in sorted(found, key=lambda pair: pair[1].variance):
+    grown: dict[int, Candidate] = {}
+    for first, power in sorted(found, key=lambda pair: pair[1].variance):
+        flank = grown.get(id(first), first)  # a line with flanks may be one of a louder line
         line = _line_of(view, flank, power)
         if line is not None:
             path.note("join", flank, f"a flank of {line.words}")
@@ -102,6 +104,7 @@ def join_flanks(view: View, path: SearchPath) -> View:
                 profiles=(*line.profiles, *flank.profiles),
             )
             view = view.without(flank, line).accept(whole)
+            grown |= {key: whole for key, one in grown.items() if one is line} | {id(line): whole}
     return view
 
 

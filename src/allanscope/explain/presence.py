@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.series import in_time
-from allanscope.explain.view import View
+from allanscope.explain.view import Span, View
 
 __all__ = ["FINEST", "Presence", "presence_of"]
 
@@ -57,7 +57,7 @@ class Presence:
     """
 
     share: float
-    spans: tuple[tuple[float, float], ...]
+    spans: tuple[Span, ...]
 
     @property
     def longest_s(self) -> float:
@@ -118,7 +118,7 @@ def presence_of(view: View, low: float, high: float) -> Presence | None:
     return None
 
 
-def _spans(loud: NDArray[np.bool_], times: Array) -> tuple[tuple[float, float], ...]:
+def _spans(loud: NDArray[np.bool_], times: Array) -> tuple[Span, ...]:
     """Return from when until when parts are loud, across single ones that are not.
 
     Examples

@@ -104,7 +104,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     path.enter(int(_FEW * budget.evaluations))
     resolved = resolve_tones(view, path)
     if resolved is not view:
-        view = _settle(_fitted(_without_bands(resolved), path), _LEFT_OVER, budget, path)
+        view = _settle(_fitted(_without_misfits(resolved), path), _LEFT_OVER, budget, path)
     view = join_flanks(with_misfits_joined(view), path)
     full = len(view.accepted) >= budget.effects
     for step in path.steps:
@@ -112,7 +112,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     return replace(view, stopped=path.remark or _FULL * full, path=tuple(path.steps))
 
 
-def _without_bands(view: View) -> View:
+def _without_misfits(view: View) -> View:
     """Return the view without what did not fit in bands or in the distribution.
 
     That is looked at again: it may be a part of what has a name by now.

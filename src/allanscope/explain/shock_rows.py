@@ -276,7 +276,7 @@ def find_shock_rows(axes: Sequence[Levelled], repeated: Flags) -> list[ShockRows
             for axis, one in away.items()
             if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
-            or any(x.axis == axis and b.first < stop and first < b.stop for x, b in bursts)
+            or _touches((first, stop), (burst for x, burst in bursts if x.axis == axis))
         }
         onset = _onset([away[axis].rows for axis in sigma], first, stop)
         found.append(ShockRows(first, stop, sigma, onset, looked_at))
@@ -297,9 +297,9 @@ def _motion(moved: MovedRows, size: int, rate_hz: float) -> ShockRows:
     return ShockRows(first, stop, moved.sigma, onset, looked_at, is_off=is_off, is_motion=True)
 
 
-def _touches(span: tuple[int, int], moved: Iterable[MovedRows]) -> bool:
-    """Return whether rows lie, in part, where the board is moved."""
-    return any(span[0] < one.stop and one.first < span[1] for one in moved)
+def _touches(span: tuple[int, int], others: Iterable[MovedRows | Burst]) -> bool:
+    """Return whether rows lie, in part, where the board is moved or something rings."""
+    return any(span[0] < one.stop and one.first < span[1] for one in others)
 
 
 def _at_ends(axes: Iterable[Levelled]) -> dict[bool, dict[str, tuple[int, float]]]:

@@ -190,18 +190,19 @@ class Sinusoid(EffectKind):
         return replace(candidate, effect=found, signal=signal)
 
 
-def constant_line(view: View, low: float, high: float) -> Candidate | None:
-    """Return the line that all power between two frequencies is; None where it is not one line.
+def constant_line(view: View, first: int, stop: int) -> Candidate | None:
+    """Return the line that all power of some ordinates is; None where it is not one line.
 
     `view` is without what left them out of its fit. What is loud beside a line hides in a search
     that it is constant.
     """
-    found = _at(view, (low + high) / 2)
+    low, high = np.array([first + 1, stop + 1]) * view.grid.rate_hz / (2 * view.grid.n)
+    found = _at(view, float(low + high) / 2)
     effect = found.effect
     assert isinstance(effect, Sinusoid)
     if not (low < effect.frequency.value < high and effect.is_constant and found.excess > 0):
         return None
-    inside = slice(*np.searchsorted(view.grid.frequency, [low, high]).tolist())
+    inside = slice(first, stop)
     rest = view.accept(found)
     noise = view.spectrum.ordinates[inside]
     power = float((view.squares[inside] - noise).sum())

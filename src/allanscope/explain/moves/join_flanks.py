@@ -150,11 +150,9 @@ def _is_edge(view: View, candidate: Candidate) -> bool:
 
 def _may_be_flank(candidate: Candidate) -> bool:
     effect = candidate.effect
-    if isinstance(effect, DriftingLine):
+    if not isinstance(effect, Unexplained):
         return bool(effect.spans)
-    return isinstance(effect, Unexplained) and (
-        effect.is_tone or (effect.is_misfit and effect.figures["excess"] > 0)
-    )
+    return effect.is_tone or (effect.is_misfit and effect.figures["excess"] > 0)
 
 
 def _distance(candidate: Candidate, line: DriftingLine) -> float:

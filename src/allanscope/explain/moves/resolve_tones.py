@@ -90,8 +90,9 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             parts = [band]
         found = _found(view, parts, band, whole)
         split: list[Candidate] = []
-        if not (is_one or path.is_spent or _is_settled(view, band, found)):
-            split = _line_and_rest(view, parts, band, whole)
+        place = core(view, band, _HELD)
+        if not (is_one or path.is_spent or _is_settled(view, place, found)):
+            split = _line_and_rest(view, parts, band, place, whole)
             found = split or found
         if any(_is_slope(found, line) for part, line in beside if part is whole):
             found = [_without_name(view, band, whole)]
@@ -105,12 +106,11 @@ def resolve_tones(view: View, path: SearchPath) -> View:
     return view
 
 
-def _is_settled(view: View, band: Cluster, found: list[Candidate]) -> bool:
-    """Return whether a range has a name, that of a single line only where it is loudest."""
+def _is_settled(view: View, place: Cluster, found: list[Candidate]) -> bool:
+    """Return whether a range has a name, that of a single line only in the place of its core."""
     named = [c.effect for c in found if c.effect.is_named]
     if len(named) != 1 or not isinstance(named[0], DriftingLine):
         return bool(named)
-    place = core(view, band, _HELD)
     flank = place.stop - place.first
     low, high = _frequency(view, place.first - flank), _frequency(view, place.stop + flank)
     return low < named[0].frequency.value < high
@@ -124,14 +124,13 @@ def _is_slope(found: list[Candidate], line: Candidate) -> bool:
 
 
 def _line_and_rest(
-    view: View, parts: list[Cluster], band: Cluster, whole: Candidate
+    view: View, parts: list[Cluster], band: Cluster, place: Cluster, whole: Candidate
 ) -> list[Candidate]:
     """Return the line that holds much of the power of a range, and what is beside it without names.
 
-    It is one though bursts of broad noise all around it were left out with it. Nothing where no
-    line is so loud, or it is a part of its own.
+    `place` is the core of the range. It is one though bursts of broad noise all around it were left
+    out with it. Nothing where no line is so loud, or it is a part of its own.
     """
-    place = core(view, band, _HELD)
     around = (p for p in parts if p.first < place.stop and place.first < p.stop)
     widest = max((part.stop - part.first for part in around), default=0)
     if place.stop - place.first > _NARROW * widest:
@@ -194,10 +193,8 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
 
 def _constant(view: View, part: Cluster, whole: Candidate) -> Candidate | None:
     """Return the line that does not drift which a narrow part is; None where it is none."""
-    if part.stop - part.first > _FEW:
-        return None
-    bare = view.without(whole)
-    return constant_line(bare, _frequency(view, part.first), _frequency(view, part.stop))
+    is_narrow = part.stop - part.first <= _FEW
+    return constant_line(view.without(whole), part.first, part.stop) if is_narrow else None
 
 
 def _on_slope(view: View, part: Cluster, whole: Candidate, band: Cluster) -> Candidate | None:

@@ -225,6 +225,21 @@ def test_a_kind_without_a_place_is_one_where_all_of_it_agrees():
     assert sizes({"gx": warm[:1], "gy": warm[1:]}) == [2]
 
 
+def test_the_two_time_constants_of_a_warm_up_are_told_apart():
+    def warming(tau_s, dps):
+        found = {"time_constant": (tau_s, 0.1 * tau_s, "s"), "amplitude": (dps, 0.001, "dps")}
+        return effect("warm_up", axes=("gx", "gy"), **found)
+
+    effects = {
+        "gx": [warming(100.0, 0.1), warming(1800.0, 0.05)],
+        "gy": [warming(110.0, -0.2), warming(2000.0, -0.09)],
+    }
+    (found,) = findings_of(effects)
+    assert len(found.members) == 4
+    times = "1 min 40 s to 1 min 50 s and 30 min to 33 min 20 s"
+    assert finding_phrase(found) == f"warm-up, -200 to 100 mdps, time constant {times}"
+
+
 def test_couplings_are_one_by_their_source_or_by_each_other():
     def leak(source):
         return effect("cross_coupling", source=source, slope=(0.3, 0.01, "dps/g"))

@@ -261,7 +261,7 @@ def test_a_long_run_of_block_means_still_sees_a_line_in_the_streaming_spectrum(b
 
 def test_a_relaxation_that_is_no_exponential_is_no_warm_up(bench):
     b = bench(5)
-    found = explain(b.record(b.noise() + 0.1 * np.log1p(b.t / 10))).axes["gx"].effects
+    found = explain(b.record(b.noise() + 0.4 * np.log1p(b.t / 10))).axes["gx"].effects
     assert {e.kind for e in found} == {"unexplained"}
 
 

@@ -35,6 +35,8 @@ _SAME = frozenset({"dps/dps", "g/g"})
 _FIELD = re.compile(r"\{(\w+)\}")
 _FEW_SOURCES = 2
 """Axes that couple into others and are still listed, with their slopes."""
+_APART = 2.0
+"""Factor between two numbers of one effect on several axes from which they are two."""
 _LARGE = 100.0
 """Micro-g from which milli-g are read more easily."""
 
@@ -204,8 +206,21 @@ def _filled(name: str, effects: Sequence[Effect]) -> str:
     texts = []
     for unit in dict.fromkeys(one.unit for one in known):
         here = sorted((one for one in known if one.unit == unit), key=_size)
-        texts.append(_span(_plain(name, here[0]), _plain(name, here[-1])))
+        # What axes share is one value for all of them; where it differs, there are several.
+        groups = _apart(here) if name == effects[0].traits.shared_by else [here]
+        texts += [_span(_plain(name, group[0]), _plain(name, group[-1])) for group in groups]
     return _listed(texts)
+
+
+def _apart(parameters: Sequence[Parameter]) -> list[list[Parameter]]:
+    """Divide numbers, the least first, where the next is more than twice as large."""
+    groups: list[list[Parameter]] = []
+    for one in parameters:
+        if groups and _size(one) <= _APART * _size(groups[-1][-1]):
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return groups
 
 
 def _size(parameter: Parameter) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from typing import ClassVar, Self
 
 import numpy as np
@@ -21,13 +22,14 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
+    Regression,
     exponential_ordinates,
     joint_fit,
     marginal_covariance,
 )
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
-from allanscope.optimise import minimise_between
+from allanscope.optimise import minimise, minimise_between
 
 Array = NDArray[np.float64]
 
@@ -41,6 +43,10 @@ _STEP = 0.02
 """Of ln tau, over which derivatives are taken."""
 _LEAP = 0.4
 """Most that ln tau moves in one step of a joint regression."""
+_APART = 3.0
+"""Factor between two time constants, at the least: nearer ones are hardly two."""
+_LOOKED_AT = float(np.log(8))
+"""Log of the number of time constants that a record can tell apart."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +150,41 @@ class WarmUp(EffectKind):
         return candidate.solved(found, partial(found.signal, view))
 
 
+def two_warm_ups(view: View) -> list[Candidate]:
+    """Return the two exponentials by which the level relaxes from the start on.
+
+    A sensor warms up in minutes, the board and what it stands on in an hour. None of them where
+    the record is too short for two.
+    """
+    longest = _LONGEST * view.series.duration_s
+    if longest < _APART * _SHORTEST_S:
+        return []
+
+    def fit(point: Array) -> Regression:
+        columns = [_column(view, tc) for tc in np.exp(point).tolist()]
+        return joint_fit(view, np.vstack(columns), rounds=5)
+
+    def loss(point: Array) -> float:
+        fast, slow = np.exp(point).tolist()
+        apart = _SHORTEST_S <= fast <= slow / _APART and slow <= longest
+        return -fit(point).gain if apart else np.inf
+
+    bank = np.log(np.geomspace(_SHORTEST_S, longest, _BANK))
+    first = min((np.array(pair) for pair in combinations(bank, 2)), key=loss)
+    found = minimise(loss, first, 0.3 * np.eye(2), x_within=0.02, within=0.05, turns=80)
+    sizes = fit(found.x).amplitude.tolist()
+    quick, slow = map(partial(_known, view), np.exp(found.x).tolist(), sizes)
+    return [
+        replace(one, held_out=one.effect.hold_out(view.accept(other), one))
+        for one, other in ((quick, slow), (slow, quick))
+    ]
+
+
+def _known(view: View, tc: float, size: float) -> Candidate:
+    effect = _warm_up(view, tc, size, np.inf, np.inf)
+    return Candidate(effect, 0.0, _LOOKED_AT, signal=effect.signal(view))
+
+
 def _column(view: View, tc: float) -> Array:
     return exponential_ordinates(view.grid, tc, view.grid.low)[np.newaxis]
 
@@ -180,7 +221,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
         return effect, effect.signal(view)
 
     effect = _warm_up(view, tc, amplitude, np.inf, np.inf)
-    return Candidate(effect, fit.gain, float(np.log(8)), finish=finish)
+    return Candidate(effect, fit.gain, _LOOKED_AT, finish=finish)
 
 
 def _warm_up(view: View, tc: float, size: float, error: float, log_error: float) -> WarmUp:

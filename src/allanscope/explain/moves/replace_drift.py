@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from allanscope.explain.candidate import Candidate
+from functools import reduce
+
+import numpy as np
+
+from allanscope.explain.candidate import SIMILAR, Candidate
 from allanscope.explain.effects.unexplained import (
     DEGREE,
     RELAXATIONS,
     drift_left_over,
     relaxation_left_over,
 )
+from allanscope.explain.effects.warm_up import WarmUp, two_warm_ups
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
@@ -16,6 +21,8 @@ __all__ = ["replace_drift"]
 
 _CLEARLY = 5.0
 """Nats by which a drift without a name must be better, and a named one to take its place again."""
+_EARLY = 8
+"""Part of the record, one in so many, in which what begins may be a piece of a relaxation."""
 _UNFINISHED = 0.3
 """Share of the gain of the named effects that a polynomial may still find behind them."""
 _FEW_WAVES = 4.0
@@ -48,16 +55,43 @@ def replace_drift(view: View, path: SearchPath) -> View:
 
 
 def _replace_relaxation(view: View) -> View:
-    """Replace a warm-up by `unexplained` where several exponentials do clearly better than one."""
-    known = ((c, c.effect.relaxation_s) for c in view.accepted)
-    warm, tau = next(((c, tau) for c, tau in known if tau is not None), (None, 0.0))
-    if warm is None:
+    """Replace a relaxation from the start, and what began with it, where it is not one exponential.
+
+    By two exponentials where these do clearly better, and as well as several; else by
+    `unexplained` where several do.
+    """
+    early = [c for c in view.accepted if _begins_early(view, c)]
+    known = [tau for c in early if (tau := c.effect.relaxation_s) is not None]
+    if not known:
         return view
-    bare = view.without(warm)
+    tau = float(np.exp(np.mean(np.log(known))))
+    bare = view.without(*early)
     free = relaxation_left_over(bare, tau)
-    named = view.spectrum.loglik - bare.spectrum.loglik
-    better = free.gain - len(RELAXATIONS) > named + _CLEARLY
-    return _without_pieces(bare.accept(free), free, tau) if better else view
+    named = _worth(view, bare)
+    if free.gain - len(RELAXATIONS) <= named:
+        return view
+    two = reduce(View.accept, two_warm_ups(bare), bare)
+    of_two = _worth(two, bare)
+    if max(free.excess, of_two) <= named + _CLEARLY:
+        return view
+    if of_two > free.excess - SIMILAR:
+        return two
+    return _without_pieces(bare.accept(free), free, tau)
+
+
+def _begins_early(view: View, candidate: Candidate) -> bool:
+    """Return whether an effect moves the level from the start of the record, or soon after it."""
+    effect = candidate.effect
+    if not effect.is_piecewise:
+        return isinstance(effect, WarmUp)
+    at = effect.parameters.get("time")  # of a ramp there is none
+    return at is None or float(at.value) < view.series.duration_s / _EARLY
+
+
+def _worth(view: View, bare: View) -> float:
+    """Return what a view gains over one with less, in nats, less the price of what it has more."""
+    price = sum(c.penalty for c in view.accepted) - sum(c.penalty for c in bare.accepted)
+    return view.spectrum.loglik - bare.spectrum.loglik - price
 
 
 def _without_pieces(view: View, free: Candidate, tau: float) -> View:

@@ -74,3 +74,15 @@ def test_a_drift_of_another_form_is_not_two_warm_ups(bench, seed, name):
     names = kinds(found(b, b.noise() + 3.0 * SIGMA * drift))
     assert "unexplained" in names
     assert "warm_up" not in names
+
+
+@pytest.mark.parametrize("seed", [64, 72])
+def test_the_interval_of_a_time_constant_is_that_of_its_restricted_likelihood(bench, seed):
+    # A parabola leaves out 900 s in the first of these records, 40 s in the second: the random walk
+    # is known from few ordinates, of which two exponentials take a part.
+    b = bench(seed, HOUR_S)
+    effects = found(b, warming(b, (4.0, 40.0), (3.0, 900.0))).effects
+    times = sorted((e.parameters["time_constant"] for e in effects), key=lambda tau: tau.value)
+    for tau, true in zip(times, (40.0, 900.0), strict=True):
+        assert tau.lower < true < tau.upper
+        assert tau.lower < tau.value < tau.upper

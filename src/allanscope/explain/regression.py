@@ -42,6 +42,7 @@ __all__ = [
     "refit_jointly",
     "restricted_loglik",
     "step_ordinates",
+    "with_likely_times",
 ]
 
 Array = NDArray[np.float64]
@@ -402,6 +403,40 @@ def refit_jointly(view: View, fewest: int = 2) -> View:
     return grown.relisted(places.get(id(c), c) for c in view.accepted)
 
 
+def with_likely_times(view: View) -> View:
+    """Give time constants that were estimated together with others the interval of each.
+
+    It holds 95 % of the time constants, each as likely as it is with the others and the noise
+    estimated again (restricted likelihood). What several slow signals take of the few ordinates
+    that tell a random walk leaves that uncertain, and the time constants with it: a parabola
+    promises too much.
+    """
+    members = [c for c in view.accepted if c.effect.columns(view) is not None]
+    if len(members) < 2:
+        return view
+    bare = view.without(*members)
+
+    def likely(candidate: Candidate) -> Candidate:
+        tau = candidate.effect.relaxation
+        if tau is None or tau.lower is None or tau.upper is None or not 0 < tau.lower < tau.upper:
+            return candidate
+        beside = [_columns(bare, other) for other in members if other is not candidate]
+
+        def loglik(log_factor: float) -> float:
+            moved = candidate.effect.with_relaxation(tau.scaled(np.exp(log_factor)))
+            columns = moved.columns(bare)
+            assert columns is not None
+            return restricted_loglik(bare, np.vstack([columns[:-1], *beside]))
+
+        error = float(np.log(tau.upper / tau.lower)) / (2 * TWO_SIDED_95)
+        low, high = (tau.value * factor for factor in likely_factors(loglik, error))
+        ends = replace(tau, lower=min(low, tau.value), upper=max(high, tau.value))
+        return replace(candidate, effect=candidate.effect.with_relaxation(ends))
+
+    found = {id(c): likely(c) for c in members}
+    return view.relisted(found.get(id(c), c) for c in view.accepted)
+
+
 def _columns(view: View, candidate: Candidate) -> Array:
     columns = candidate.effect.columns(view)
     assert columns is not None
@@ -424,8 +459,9 @@ def _solved(bare: View, members: list[Candidate]) -> list[Candidate]:
 
 def _moved(before: list[Candidate], after: list[Candidate]) -> float:
     """Return the largest relative change of what the regression is not linear in."""
-    times = [[c.effect.relaxation_s for c in members] for members in (before, after)]
-    return max((abs(b / a - 1) for a, b in zip(*times, strict=True) if a and b), default=0.0)
+    times = [[c.effect.relaxation for c in members] for members in (before, after)]
+    pairs = zip(*times, strict=True)
+    return max((abs(b.value / a.value - 1) for a, b in pairs if a and b), default=0.0)
 
 
 def _with_gains(bare: View, members: list[Candidate]) -> list[Candidate]:

@@ -39,7 +39,7 @@ from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
 from allanscope.explain.moves.resolve_tones import resolve_tones
 from allanscope.explain.moves.split_bands import split_bands
-from allanscope.explain.regression import refit_jointly
+from allanscope.explain.regression import refit_jointly, with_likely_times
 from allanscope.explain.view import View
 
 __all__ = ["Budget", "close_loop"]
@@ -105,7 +105,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     resolved = resolve_tones(view, path)
     if resolved is not view:
         view = _settle(_fitted(_without_misfits(resolved), path), _LEFT_OVER, budget, path)
-    view = join_flanks(with_misfits_joined(view), path)
+    view = with_likely_times(join_flanks(with_misfits_joined(view), path))
     full = len(view.accepted) >= budget.effects
     for step in path.steps:
         _LOG.debug("%s %s", view.axis, step)

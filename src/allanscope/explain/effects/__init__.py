@@ -274,9 +274,13 @@ class EffectKind(ABC):
         return ()
 
     @property
-    def relaxation_s(self) -> float | None:
+    def relaxation(self) -> Estimate | None:
         """Time constant of a relaxation, None for anything else."""
         return None
+
+    def with_relaxation(self, time_constant: Estimate) -> Self:
+        """Return a relaxation with another time constant."""
+        return replace(self, **{"time_constant": time_constant})
 
     def waves(self, view: View) -> float:
         """Return how many waves of it the record holds: without end for what is no wave."""

@@ -85,9 +85,9 @@ class Relaxation(Jump):
         )
 
     @property
-    def relaxation_s(self) -> float:
+    def relaxation(self) -> Estimate:
         """Time constant."""
-        return self.time_constant.value
+        return self.time_constant
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

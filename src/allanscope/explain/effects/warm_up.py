@@ -84,9 +84,9 @@ class WarmUp(EffectKind):
         )
 
     @property
-    def relaxation_s(self) -> float:
+    def relaxation(self) -> Estimate:
         """Time constant."""
-        return self.time_constant.value
+        return self.time_constant
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another warm-up is the same hypothesis."""

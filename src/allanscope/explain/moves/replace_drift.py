@@ -61,7 +61,7 @@ def _replace_relaxation(view: View) -> View:
     `unexplained` where several do.
     """
     early = [c for c in view.accepted if _begins_early(view, c)]
-    known = [tau for c in early if (tau := c.effect.relaxation_s) is not None]
+    known = [one.value for c in early if (one := c.effect.relaxation) is not None]
     if not known:
         return view
     tau = float(np.exp(np.mean(np.log(known))))

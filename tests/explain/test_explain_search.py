@@ -32,6 +32,18 @@ def faster(record, factor):
     return replace(record, rate_hz=factor * record.rate_hz, start_s=record.start_s / factor)
 
 
+# Nothing found
+
+
+def test_where_nothing_is_found_the_error_is_what_it_was(bench):
+    # One coefficient more in the model before would fit chance: chi-square would be larger after.
+    b = bench(22)
+    result = explain(b.record(*(b.noise() for _ in range(4))))
+    for one in result.axes.values():
+        assert not one.effects
+        assert one.after == one.before
+
+
 # Ending
 
 

@@ -296,7 +296,10 @@ def _explained(job: _Job, view: View) -> _Closed:
     record, density = job.record, job.densities.get(view.axis)
     series, axis = view.series, view.axis
     bare = view.untouched()
-    before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
+    # Where nothing was found, Q was not either: the two models then differ by no term.
+    is_found = any(c.changes_model for c in view.accepted)
+    terms = (AngleQuantization(1.0),) if is_found else ()
+    before = _fit(record, axis, density, Known(terms, is_textbook=True))
     if before is not None:
         before_model, plain = before.model, bare
     else:

@@ -48,6 +48,7 @@ __all__ = [
     "measured",
     "moment",
     "number",
+    "periods",
     "power_of_ten",
     "rate",
     "rough",
@@ -359,6 +360,19 @@ def duration(seconds: float) -> str:
     return " ".join(part for part in parts if part)
 
 
+def periods(low: float, high: float | None = None) -> str:
+    """Return the period of a slow frequency in Hz, or those of a range, in brackets.
+
+    >>> periods(0.0014), periods(0.00109, 0.00266), periods(0.05)
+    (' (period 11 min 54 s)', ' (periods of 6 min 16 s to 15 min 17 s)', '')
+    """
+    if low <= 0.0 or (high or low) > _SLOW_HZ:
+        return ""
+    if high is None:
+        return f" (period {duration(1 / low)})"
+    return f" (periods of {duration(1 / high)} to {duration(1 / low)})"
+
+
 def moment(seconds: float, length: float) -> str:
     """Return a time in a record, in as many decimals as a stretch of that length deserves.
 
@@ -381,6 +395,8 @@ def rough(seconds: float) -> str:
     return f"{number(round(value, decimals), 2).removesuffix('.0')} {unit}"
 
 
+_SLOW_HZ = 1 / 60
+"""Frequency below which people speak of periods: an air conditioner has minutes, no millihertz."""
 _UNITS = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
 
 

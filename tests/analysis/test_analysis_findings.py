@@ -56,6 +56,11 @@ def test_one_line_on_three_axes_is_one_finding():
     assert finding_phrase(found[0]) == "line at 7 Hz, 20 mdps"
 
 
+def test_a_slow_line_is_told_by_its_period():
+    (found,) = findings_of({"gx": [line(0.0014, 1e-5)]})
+    assert finding_phrase(found) == "line at 0.0014 Hz (period 11 min 54 s), 20 mdps"
+
+
 def test_signals_of_other_dwell_times_are_two_however_wide_their_intervals():
     def hops(dwell_s, half_s):
         size = (8.0e-3, 1e-3, "dps")

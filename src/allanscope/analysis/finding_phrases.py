@@ -14,7 +14,16 @@ from typing import TYPE_CHECKING
 from allanscope.analysis.findings import UNEXPLAINED, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.labels import kind_name
-from allanscope.quantities import DEVIATION, LEVEL, count, duration, measured, number, symbols
+from allanscope.quantities import (
+    DEVIATION,
+    LEVEL,
+    count,
+    duration,
+    measured,
+    number,
+    periods,
+    symbols,
+)
 
 if TYPE_CHECKING:
     from allanscope.explain import EffectKind
@@ -200,7 +209,8 @@ def _filled(name: str, effects: Sequence[Effect]) -> str:
     known = [effect.parameters[name] for effect in effects if name in effect.parameters]
     if name == "frequency":
         # They agree within their intervals: that is why they are one finding.
-        return _frequency(known[0], most=3 if "bandwidth" in effects[0].parameters else 4)
+        most = 3 if "bandwidth" in effects[0].parameters else 4
+        return _frequency(known[0], most) + periods(float(known[0].value))
     if any(isinstance(one.value, str) for one in known):
         return _listed(list(dict.fromkeys(str(one.value) for one in known)))
     texts = []

@@ -38,7 +38,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
 from allanscope.noise.selection import calibrated_penalty
-from allanscope.quantities import CHI_SQUARE_MEDIAN, TWO_SIDED_95, measured
+from allanscope.quantities import CHI_SQUARE_MEDIAN, TWO_SIDED_95, measured, periods
 
 Array = NDArray[np.float64]
 
@@ -317,10 +317,10 @@ def tone_without_name(
     """
     known = 2 * TWO_SIDED_95 * error < 1
     size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * TWO_SIDED_95 * error))
-    words = (
-        f"power {_range(view, profile.low, profile.high)} Hz changes in frequency or "
-        f"amplitude; its rms is {'' if known else 'below '}{measured(size, unit=view.unit)}"
-    )
+    where = f"{_range(view, profile.low, profile.high)} Hz{periods(profile.low, profile.high)}"
+    limit = "" if known else "below "
+    words = f"power {where} changes in frequency or amplitude; its rms is {limit}"
+    words += measured(size, unit=view.unit)
     words += _when(view, profile.low, profile.high)
     band = (profile.low, profile.high)
     return left_over(view, band, searched.gain, words, searched.log_alternatives)

@@ -236,7 +236,9 @@ def _is_one(first: Member, second: Member) -> bool:
     if bands[0] and bands[1]:
         return max(bands[0][0], bands[1][0]) <= min(bands[0][1], bands[1][1])
     where = a.traits.located_by
-    if not where and (a.traits.has_one_cause or second.axis in a.axes):
+    # Power without a name names the axes that go along with it.
+    goes_along = a.kind == UNEXPLAINED and second.axis in a.axes and first.axis in b.axes
+    if goes_along or (not where and (a.traits.has_one_cause or second.axis in a.axes)):
         return True
     if where:
         unit = a.parameters[where].unit if where in a.parameters else ""

@@ -52,6 +52,9 @@ _NOTHING = ResidualError(*[float("nan")] * 5)
 """Of an axis that was not searched."""
 _ACCEPTED_P = 0.01
 """Least p-value of the residual of an axis that counts as explained."""
+_TOGETHER, _FEWEST_TOGETHER = 0.8, 12
+"""Correlation of ordinates from which two axes go along with each other, and the fewest that tell:
+so many of independent axes reach it once in 1000 pairs."""
 _TOLERANCE = 1e-4
 """Relative difference that counts as equal even where both intervals are narrower."""
 
@@ -398,7 +401,8 @@ def _merged(views: Mapping[str, View]) -> dict[str, View]:
 
     A line of one frequency, a step of one instant, a warm-up of one time constant: where the
     intervals of two axes overlap in what the effect is shared by, each names the other, and for
-    what happens once in a record a second axis is the replication that time cannot give.
+    what happens once in a record a second axis is the replication that time cannot give. Power
+    without a name is one disturbance on the axes that go along with each other in it.
     """
     out = {}
     for axis, view in views.items():
@@ -409,13 +413,17 @@ def _merged(views: Mapping[str, View]) -> dict[str, View]:
 
 def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Candidate:
     key = candidate.effect.shared_by
-    if not key:
+    if key:
+        is_same = partial(_is_same, key)
+    elif not candidate.effect.is_named and candidate.signal is None and candidate.excluded:
+        is_same = partial(_go_along, views[axis])
+    else:
         return candidate
     axes = tuple(
         other
         for other, view in views.items()
         if other == axis
-        or any(c.kind == candidate.kind and _same(c, candidate, key) for c in view.accepted)
+        or any(c.kind == candidate.kind and is_same(candidate, c, view) for c in view.accepted)
     )
     held = candidate.held_out
     if len(axes) > 1 and held is not None and held.replicated is None:
@@ -423,10 +431,22 @@ def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Ca
     return replace(candidate, axes=axes, held_out=held)
 
 
-def _same(first: Candidate, second: Candidate, key: str) -> bool:
-    a, b = first.effect.parameters[key], second.effect.parameters[key]
+def _is_same(key: str, own: Candidate, other: Candidate, view: View) -> bool:
+    """Return whether two effects agree in what one of a kind has on all axes."""
+    del view
+    a, b = own.effect.parameters[key], other.effect.parameters[key]
     (a_low, a_high), (b_low, b_high) = _limits(a), _limits(b)
     return a_low <= b_high and b_low <= a_high
+
+
+def _go_along(view: View, own: Candidate, other: Candidate, beside: View) -> bool:
+    """Return whether two axes follow each other in the ranges that both have without a name."""
+    inside = ~view.grid.kept(own.excluded) & ~view.grid.kept(other.excluded)
+    if other.signal is not None or np.count_nonzero(inside) < _FEWEST_TOGETHER:
+        return False
+    x, y = view.ordinates[inside], beside.ordinates[inside]
+    r = abs(float(x @ y)) / max(float(np.sqrt((x @ x) * (y @ y))), 1e-300)
+    return r > _TOGETHER
 
 
 def _limits(parameter: Parameter) -> tuple[float, float]:

@@ -61,6 +61,21 @@ def test_a_slow_line_is_told_by_its_period():
     assert finding_phrase(found) == "line at 0.0014 Hz (period 11 min 54 s), 20 mdps"
 
 
+@pytest.mark.parametrize(
+    ("spans", "said"),
+    [
+        (((723.0, 758.0),), ", at 12 min 3 s for 35 s"),
+        (((0.0, 200.0), (500.0, 650.0)), ", in 28 % of the record"),
+    ],
+)
+def test_a_line_that_comes_and_goes_says_when(spans, said):
+    found = {"frequency": (48.0, 0.1, "Hz"), "sigma": (0.012, 0.001, "dps")}
+    whole = effect("drifting_line", **found)
+    partly = replace(whole, evidence=whole.evidence | {"present": spans, "share_of_time": 0.28})
+    phrases = [finding_phrase(findings_of({"gx": [one]})[0]) for one in (whole, partly)]
+    assert phrases[1] == phrases[0] + said
+
+
 def test_signals_of_other_dwell_times_are_two_however_wide_their_intervals():
     def hops(dwell_s, half_s):
         size = (8.0e-3, 1e-3, "dps")

@@ -161,7 +161,18 @@ def _phrase(effects: Sequence[Effect]) -> str:
     template = lead.traits.phrase
     if not template or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
         return lead.brief or kind_name(lead.kind)
-    return _FIELD.sub(lambda field: _filled(field[1], effects), template)
+    return _FIELD.sub(lambda field: _filled(field[1], effects), template) + _when(lead)
+
+
+def _when(effect: Effect) -> str:
+    """Return when it is there, where that is a part of the record only, after a comma."""
+    spans, share = effect.evidence.get("present"), effect.evidence.get("share_of_time")
+    if not spans or share is None:
+        return ""
+    if len(spans) > 1:
+        return f", in {number(100.0 * share, 2)} % of the record"
+    first, last = spans[0]
+    return f", at {duration(first)} for {duration(last - first)}"
 
 
 def _sources(effects: Sequence[Effect]) -> set[object]:

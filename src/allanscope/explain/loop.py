@@ -52,9 +52,9 @@ _NOTHING = ResidualError(*[float("nan")] * 5)
 """Of an axis that was not searched."""
 _ACCEPTED_P = 0.01
 """Least p-value of the residual of an axis that counts as explained."""
-_TOGETHER, _FEWEST_TOGETHER = 0.8, 12
-"""Correlation of ordinates from which two axes go along with each other, and the fewest that tell:
-so many of independent axes reach it once in 1000 pairs."""
+_TOGETHER, _FEWEST_TELLING = 0.8, 4.0
+"""Correlation of ordinates from which two axes go along with each other, and how many must hold the
+power: of noise that is independent on both one pair in 1000 reaches it."""
 _TOLERANCE = 1e-4
 """Relative difference that counts as equal even where both intervals are narrower."""
 
@@ -442,11 +442,16 @@ def _is_same(key: str, own: Candidate, other: Candidate, view: View) -> bool:
 def _go_along(view: View, own: Candidate, other: Candidate, beside: View) -> bool:
     """Return whether two axes follow each other in the ranges that both have without a name."""
     inside = ~view.grid.kept(own.excluded) & ~view.grid.kept(other.excluded)
-    if other.signal is not None or np.count_nonzero(inside) < _FEWEST_TOGETHER:
-        return False
     x, y = view.ordinates[inside], beside.ordinates[inside]
-    r = abs(float(x @ y)) / max(float(np.sqrt((x @ x) * (y @ y))), 1e-300)
-    return r > _TOGETHER
+    if other.signal is not None or min(map(_telling, (x, y))) < _FEWEST_TELLING:
+        return False
+    return abs(float(x @ y)) > _TOGETHER * float(np.sqrt((x @ x) * (y @ y)))
+
+
+def _telling(ordinates: Array) -> float:
+    """Return how many of some ordinates hold most of their power; a third of them all in noise."""
+    squares = ordinates**2
+    return float(squares.sum() ** 2 / max(float(squares @ squares), 1e-300))
 
 
 def _limits(parameter: Parameter) -> tuple[float, float]:

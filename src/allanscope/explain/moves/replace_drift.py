@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
+from math import inf
 
 import numpy as np
 
@@ -70,8 +71,9 @@ def _replace_relaxation(view: View) -> View:
     named = _worth(view, bare)
     if free.gain - len(RELAXATIONS) <= named:
         return view
-    two = reduce(View.accept, two_warm_ups(bare), bare)
-    of_two = _worth(two, bare)
+    pair = two_warm_ups(bare)
+    two = reduce(View.accept, pair, bare)
+    of_two = _worth(two, bare) if pair else -inf
     if max(free.excess, of_two) <= named + _CLEARLY:
         return view
     if of_two > free.excess - SIMILAR:

@@ -396,6 +396,20 @@ def test_what_gains_beyond_doubt_outweighs_an_rms_that_may_be_chance(
     assert [c.kind for c in left.accepted] == ["step"] * kept
 
 
+@pytest.mark.parametrize(("gain", "told"), [(40.0, []), (80.0, ["unexplained"])])
+def test_a_relaxation_that_is_plain_is_told_where_its_form_is_refused(
+    gain: float, told: list[str]
+) -> None:
+    """That the level relaxes anyone sees; the model of it made chi-square grow from 3 to 9."""
+    view = view_of(noise(8) + 3.0 * np.exp(-TIME / 15.0))
+    warm = replace(best_of(view, "warm_up").finished(), gain=gain)
+    before, grown = ResidualError(3.0, 0.0, 14.0, 13.0, 3.0), ResidualError(9.0, 0.0, 9.0, 9.0, 3.0)
+    taken_out = view.accept(warm)
+    left = refuse(taken_out, before, grown, lambda one: grown if one.has("warm_up") else before)
+    assert [c.kind for c in left.accepted] == told
+    assert np.allclose(left.data, view.data, atol=1e-12)  # what is told is not taken out
+
+
 def test_nothing_is_kept_of_a_model_whose_error_is_absurd() -> None:
     view = view_of(noise(8) + line(3.0, 0.6) + line(7.0, 0.6))
     before = ResidualError(144.0, 0.0, 9.0, 9.0, 2.0)

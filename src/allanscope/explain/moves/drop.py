@@ -10,6 +10,7 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, SearchStep
+from allanscope.explain.effects.unexplained import relaxation_left_over
 from allanscope.explain.gates import growth, is_measured
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.refit import estimate_again, refit
@@ -30,6 +31,8 @@ it for the next: that gains less."""
 _BY_CHANCE = np.log(1.25)
 """Logarithm of the growth of an error that outweighs no gain beyond doubt: the rms of few averaging
 times is so large once in some thousand axes, a jump that is seen is there."""
+_PLAIN = 50.0
+"""Gain in nats of a relaxation that anyone sees."""
 _MENDS = 0.5
 """Part of the growth of the error that may be left for the next."""
 _ABSURD = np.log(100.0)
@@ -184,6 +187,8 @@ def _mends(refused: Candidate, before: ResidualError, now: ResidualError, e: Res
 def _without(view: View, candidate: Candidate) -> View:
     """Return the view without an effect; what has no name leaves the model alone, and is told.
 
+    So is a relaxation that is plain to see: only what it is has been refuted.
+
     The other changes of the level were fitted beside it, perhaps to make up for it: they are
     fitted again, and those that gain nothing by themselves go with it.
     """
@@ -192,6 +197,9 @@ def _without(view: View, candidate: Candidate) -> View:
         bare = refit_jointly(bare, fewest=1)
         slow = (c for c in bare.accepted if c.effect.columns(bare) is not None)
         bare = bare.without(*(c for c in slow if c.gain < c.penalty))
-    if candidate.effect.is_named:
+    told, tau = candidate, candidate.effect.relaxation
+    if tau is not None and candidate.gain > _PLAIN:
+        told = relaxation_left_over(bare, tau.value)
+    elif candidate.effect.is_named:
         return bare
-    return bare.accept(replace(candidate, parts=(), excluded=(), signal=None, profiles=()))
+    return bare.accept(replace(told, parts=(), excluded=(), signal=None, profiles=()))

@@ -258,6 +258,8 @@ def test_the_two_time_constants_of_a_warm_up_are_told_apart():
     assert len(found.members) == 4
     times = "1 min 40 s to 1 min 50 s and 30 min to 33 min 20 s"
     assert finding_phrase(found) == f"warm-up, -200 to 100 mdps, time constant {times}"
+    (alone,) = findings_of({"gx": effects["gx"]})
+    assert finding_phrase(alone).endswith("50 to 100 mdps, time constant 1 min 40 s and 30 min")
 
 
 def test_couplings_are_one_by_their_source_or_by_each_other():

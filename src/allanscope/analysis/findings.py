@@ -226,8 +226,8 @@ def _is_one(first: Member, second: Member) -> bool:
     on_one_axis = first.axis == second.axis
     if _is_harmonic(a, b, on_one_axis) or _at_once(a, b) or _is_in_band(a, b) or _is_in_band(b, a):
         return True
-    if a.kind != b.kind or on_one_axis:
-        return False
+    if a.kind != b.kind or on_one_axis:  # where a warm-up may have two time constants
+        return a.kind == b.kind and a.traits.is_single
     source, other = a.parameters.get("source"), b.parameters.get("source")
     if source is not None and other is not None:
         mutual = (source.value, other.value) == (second.axis, first.axis)

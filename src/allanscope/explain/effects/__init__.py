@@ -106,7 +106,7 @@ class EffectKind(ABC):
         Parameter in which several axes agree where one physical effect is seen on all of them;
         empty where every axis has its own.
     is_single : bool
-        Whether an axis has it once at most.
+        Whether an axis has it once at most, a warm-up perhaps with two time constants.
     is_named : bool
         Whether it says what it is, so that an axis that has it may be explained.
     is_process : bool

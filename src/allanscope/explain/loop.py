@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import product
 from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
@@ -413,17 +414,19 @@ def _merged(views: Mapping[str, View]) -> dict[str, View]:
 
 def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Candidate:
     key = candidate.effect.shared_by
-    if key:
-        is_same = partial(_is_same, key)
-    elif not candidate.effect.is_named and candidate.signal is None and candidate.excluded:
-        is_same = partial(_go_along, views[axis])
-    else:
+    is_nameless = not candidate.effect.is_named and candidate.signal is None
+    if not key and not (is_nameless and candidate.excluded):
         return candidate
+
+    def is_one(other: Candidate, beside: View) -> bool:
+        if key:
+            return _same(candidate, other, key)
+        return _go_along(views[axis], candidate, other, beside)
+
     axes = tuple(
         other
         for other, view in views.items()
-        if other == axis
-        or any(c.kind == candidate.kind and is_same(candidate, c, view) for c in view.accepted)
+        if other == axis or any(c.kind == candidate.kind and is_one(c, view) for c in view.accepted)
     )
     held = candidate.held_out
     if len(axes) > 1 and held is not None and held.replicated is None:
@@ -431,21 +434,23 @@ def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Ca
     return replace(candidate, axes=axes, held_out=held)
 
 
-def _is_same(key: str, own: Candidate, other: Candidate, view: View) -> bool:
+def _same(first: Candidate, second: Candidate, key: str) -> bool:
     """Return whether two effects agree in what one of a kind has on all axes."""
-    del view
-    a, b = own.effect.parameters[key], other.effect.parameters[key]
+    a, b = first.effect.parameters[key], second.effect.parameters[key]
     (a_low, a_high), (b_low, b_high) = _limits(a), _limits(b)
     return a_low <= b_high and b_low <= a_high
 
 
 def _go_along(view: View, own: Candidate, other: Candidate, beside: View) -> bool:
     """Return whether two axes follow each other in the ranges that both have without a name."""
-    inside = ~view.grid.kept(own.excluded) & ~view.grid.kept(other.excluded)
-    x, y = view.ordinates[inside], beside.ordinates[inside]
-    if other.signal is not None or min(map(_telling, (x, y))) < _FEWEST_TELLING:
+    pairs = product(own.excluded, other.excluded)
+    both = tuple((max(a, c), min(b, d)) for (a, b), (c, d) in pairs if max(a, c) <= min(b, d))
+    if other.signal is not None or not both:  # as most: nothing is asked of a million ordinates
         return False
-    return abs(float(x @ y)) > _TOGETHER * float(np.sqrt((x @ x) * (y @ y)))
+    inside = ~view.grid.kept(both)
+    x, y = view.ordinates[inside], beside.ordinates[inside]
+    is_told = min(map(_telling, (x, y))) >= _FEWEST_TELLING
+    return is_told and abs(float(x @ y)) > _TOGETHER * float(np.sqrt((x @ x) * (y @ y)))
 
 
 def _telling(ordinates: Array) -> float:

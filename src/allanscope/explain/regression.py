@@ -21,6 +21,7 @@ from scipy.fft import dct
 
 from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Estimate
 from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.lazy import once
@@ -34,7 +35,7 @@ __all__ = [
     "Regression",
     "exponential_ordinates",
     "joint_fit",
-    "likely_factors",
+    "likely_time",
     "marginal_covariance",
     "ordinates_of",
     "ramp_ordinates",
@@ -308,30 +309,34 @@ def restricted_loglik(view: View, columns: Array) -> float:
     return loglik + 0.5 * float(np.linalg.slogdet(fit.covariance)[1])
 
 
-def likely_factors(loglik: Callable[[float], float], error: float) -> tuple[float, float]:
-    """Return the factors between which 95 % of the time constants lie, as likely as they are.
+def likely_time(time: Estimate, loglik: Callable[[float], float], error: float) -> Estimate:
+    """Return a time constant with the interval that holds 95 % of them, as likely as they are.
 
     Parameters
     ----------
+    time : Estimate
+        The likeliest, in s.
     loglik : callable
-        Log-likelihood of the log of a factor.
+        Log-likelihood of a time constant in s.
     error : float
-        Standard error of that on a straight line, from which half and twice a time constant are
-        far.
+        Standard error of its logarithm on a straight line, from which half and twice a time
+        constant are far.
 
     Examples
     --------
-    >>> low, high = likely_factors(lambda x: -((x / 0.1) ** 2) / 2, 0.1)
-    >>> round(low, 2), round(high, 2)
-    (0.82, 1.22)
+    >>> known = Estimate(10.0, unit="s")
+    >>> found = likely_time(known, lambda tc: -((np.log(tc / 10.0) / 0.1) ** 2) / 2, 0.1)
+    >>> round(found.lower, 1), round(found.upper, 1)
+    (8.2, 12.2)
     """
-    reach = min(_ERRORS * error, _FARTHEST_LOG)
+    tau, reach = time.value, min(_ERRORS * error, _FARTHEST_LOG)
     moved = np.linspace(-reach, reach, _TERMS)
-    nats = np.array([loglik(x) for x in moved.tolist()])
+    nats = np.array([loglik(tau * float(np.exp(x))) for x in moved.tolist()])
     weight = np.exp(nats - nats.max())
     below = (np.cumsum(weight) - weight / 2) / weight.sum()
-    low, high = np.exp(np.interp([_TAIL, 1 - _TAIL], below, moved)).tolist()
-    return low, high
+    ends = np.exp(np.interp([_TAIL, 1 - _TAIL], below, moved))
+    lower, upper = (tau * end for end in ends.tolist())
+    return replace(time, lower=min(lower, tau), upper=max(upper, tau))
 
 
 def reach_at_95(drop: Callable[[float], float]) -> float:
@@ -416,24 +421,23 @@ def with_likely_times(view: View) -> View:
         return view
     bare = view.without(*members)
 
-    def likely(candidate: Candidate) -> Candidate:
+    def known(candidate: Candidate) -> Candidate:
         tau = candidate.effect.relaxation
         if tau is None or tau.lower is None or tau.upper is None or not 0 < tau.lower < tau.upper:
             return candidate
         beside = [_columns(bare, other) for other in members if other is not candidate]
 
-        def loglik(log_factor: float) -> float:
-            moved = candidate.effect.with_relaxation(tau.scaled(np.exp(log_factor)))
+        def loglik(time: float) -> float:
+            moved = candidate.effect.with_relaxation(replace(tau, value=time))
             columns = moved.columns(bare)
             assert columns is not None
             return restricted_loglik(bare, np.vstack([columns[:-1], *beside]))
 
         error = float(np.log(tau.upper / tau.lower)) / (2 * TWO_SIDED_95)
-        low, high = (tau.value * factor for factor in likely_factors(loglik, error))
-        ends = replace(tau, lower=min(low, tau.value), upper=max(high, tau.value))
-        return replace(candidate, effect=candidate.effect.with_relaxation(ends))
+        likely = likely_time(tau, loglik, error)
+        return replace(candidate, effect=candidate.effect.with_relaxation(likely))
 
-    found = {id(c): likely(c) for c in members}
+    found = {id(c): known(c) for c in members}
     return view.relisted(found.get(id(c), c) for c in view.accepted)
 
 

@@ -26,7 +26,7 @@ from allanscope.explain.effects.step import Jump, Step, edge_of, instant_before
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     joint_fit,
-    likely_factors,
+    likely_time,
     marginal_covariance,
     relaxing_ordinates,
     restricted_loglik,
@@ -197,12 +197,11 @@ class Relaxation(Jump):
         Each weighs by its restricted likelihood. `error` is that of ln tau on a straight line, from
         which half and twice a time constant are far.
         """
-        row, tc = self.row(view), self.time_constant.value
-        ends = likely_factors(
-            lambda x: restricted_loglik(view, _pair(view, row, tc * np.exp(x))), error
+        row = self.row(view)
+        likely = likely_time(
+            self.time_constant, lambda tc: restricted_loglik(view, _pair(view, row, tc)), error
         )
-        lower, upper = (tc * end for end in ends)
-        return replace(self, time_constant=Estimate(tc, min(lower, tc), max(upper, tc), "s"))
+        return replace(self, time_constant=likely)
 
 
 def _loss(view: View, row: int, log_tc: float) -> float:

@@ -31,7 +31,7 @@ from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     Regression,
     joint_fit,
-    likely_factors,
+    likely_time,
     marginal_covariance,
     restricted_loglik,
 )
@@ -282,15 +282,12 @@ class Temperature(EffectKind):
         """
         if self.lag is None or self.lag.upper is None:
             return self
-        lag = self.lag.value
 
-        def loglik(x: float) -> float:
-            moved = replace(self, lag=Estimate(lag * float(np.exp(x)), unit="s"))
-            return restricted_loglik(view, moved.terms(view))
+        def loglik(lag: float) -> float:
+            return restricted_loglik(view, replace(self, lag=Estimate(lag, unit="s")).terms(view))
 
-        error = float(np.log(self.lag.upper / lag)) / TWO_SIDED_95
-        lower, upper = (lag * end for end in likely_factors(loglik, error))
-        return replace(self, lag=Estimate(lag, min(lower, lag), max(upper, lag), "s"))
+        error = float(np.log(self.lag.upper / self.lag.value)) / TWO_SIDED_95
+        return replace(self, lag=likely_time(self.lag, loglik, error))
 
 
 def _level(view: View) -> float | None:

@@ -259,6 +259,20 @@ def outliers(b):
     )
 
 
+def cycle(b):
+    lengths = 40.0 * np.exp(0.15 * b.rng.standard_normal(30))
+    begins = np.cumsum(lengths) - lengths[0] / 2
+    turn = 2 * np.pi * np.interp(b.t, np.append(-lengths[0] / 2, begins), range(31))
+
+    def level(size):
+        return size * SIGMA * np.sin(turn + np.sin(turn) / 2)
+
+    inside = np.diff(begins[begins < b.t[-1]])
+    line = 0.5 * SIGMA * np.sin(2 * np.pi * b.t / 41.0)
+    truth = {"period": (float(inside.mean()), 0.01), "sigma": (0.5 * SIGMA * 0.5**0.5, 0.05)}
+    return side_by_side(b, level(0.5), line, level(0.05), truth=truth, confuser="sinusoid")
+
+
 def variance_change(b):
     def loud(size):
         inside = after(b, 300.0) - after(b, 400.0)
@@ -422,7 +436,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        *(shock, motion, power_law, dead_zone, amplitude_coupling, high_pass, relaxation),
+        *(shock, motion, power_law, dead_zone, amplitude_coupling, high_pass, relaxation, cycle),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

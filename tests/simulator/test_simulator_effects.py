@@ -59,6 +59,17 @@ def test_excursion_comes_back_after_its_duration():
     assert np.array_equal(away, (time_s(104 * 20) >= 10.0) & (time_s(104 * 20) < 15.0))
 
 
+def test_a_cycle_goes_from_its_lowest_level_to_its_highest_in_about_its_period():
+    n = 104 * 3600
+    level = record(SILENT, "cycle:period=120,size=0.5,scatter=0.1", n)
+    assert np.ptp(level) == pytest.approx(0.5, abs=2 * 4.375e-3)
+    above = level > 0.1
+    begins = time_s(n)[1:][above[1:] & ~above[:-1]]
+    begins = begins[np.diff(begins, prepend=-10.0) > 5.0]  # rounding may cross a level twice
+    assert np.median(np.diff(begins)) == pytest.approx(120.0, rel=0.05)
+    assert np.log(np.diff(begins)).std() == pytest.approx(0.1, rel=0.4)
+
+
 def test_gauss_markov_has_its_sigma_and_correlation_time():
     samples = record(SILENT, "gauss_markov:sigma=0.5,correlation_time=2", 1 << 19)
     gamma = [np.mean(samples[: -lag or None] * samples[lag:]) for lag in (0, 208)]

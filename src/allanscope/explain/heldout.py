@@ -50,7 +50,13 @@ _FOLDS = 2
 
 
 def interleaved(
-    view: View, fit: Regression, columns: Array, *, recurs: bool = False, slow: bool = False
+    view: View,
+    fit: Regression,
+    columns: Array,
+    *,
+    recurs: bool = False,
+    slow: bool = False,
+    block: NDArray[np.int64] | None = None,
 ) -> HeldOut:
     """Judge deterministic signals by interleaved blocks.
 
@@ -64,13 +70,19 @@ def interleaved(
         True when each quarter of the record holds the signal again, so that it can be replicated.
     slow : bool
         True when a few blocks hold all of it even so.
+    block : ndarray of int64, optional
+        Number of the block, from 0 on, of places that are evenly apart in time, m + 1 or more;
+        without it, of every row in blocks of one second.
     """
-    n = view.grid.n
+    m = columns.shape[1]
+    if block is None:
+        block = (np.arange(view.grid.n) / (_BLOCK_S * view.grid.rate_hz)).astype(np.int64)
+        m = view.grid.n - 1
+    n = len(block)
     # What is left out of the fit is left out here: a loud tone would be taken for white noise.
     weight = fit.spectrum.kept / np.sqrt(fit.spectrum.ordinates)
-    white = in_time(view.ordinates * weight, n)
+    white = in_time(view.ordinates[:m] * weight[:m], n)
     signals = np.array([in_time(column * weight[: columns.shape[1]], n) for column in columns])
-    block = (np.arange(n) / (_BLOCK_S * view.grid.rate_hz)).astype(np.int64)
     # A gain is quadratic in the amplitudes: the sums over each block are all that is needed.
     normal = np.array([[np.bincount(block, a * b) for b in signals] for a in signals])
     right = np.array([np.bincount(block, a * white) for a in signals])
@@ -82,7 +94,9 @@ def interleaved(
     whole = normal.sum(axis=2), right.sum(axis=1)
     optimism = float(_gain(_amplitude(*whole), *whole) - gained.sum())
     if recurs and not slow:
-        error = error_of_sum(gained)
+        # Noise that was fitted without a loud signal has a part of it, and the gain over that noise
+        # is less: as uncertain in proportion.
+        error = error_of_sum(gained) * float(np.clip(fit.gain / max(gained.sum(), 1e-300), 0, 1))
     else:
         variance = 2 * max(fit.gain, 0.0) * _contradiction(signals, white, view.grid.rate_hz)
         error = float(np.sqrt(variance))

@@ -395,12 +395,14 @@ def refit_jointly(view: View, fewest: int = 2) -> View:
     if len(members) < fewest:
         return view
     bare = view.without(*members)
+    parts = [part for c in members for part in c.parts]
+    noise = bare.with_parts(*parts) if parts else bare
     found = members
     for _ in range(_TURNS):
-        before, found = found, _solved(bare, found)
+        before, found = found, _solved(noise, found)
         if _moved(before, found) < _SETTLED:
             break
-    found = [candidate.finished() for candidate in _with_gains(bare, found)]
+    found = [candidate.finished() for candidate in _with_gains(noise, found)]
     grown = bare
     for candidate in found:
         grown = grown.accept(candidate)

@@ -274,6 +274,11 @@ class EffectKind(ABC):
         return ()
 
     @property
+    def wave_hz(self) -> tuple[float, ...]:
+        """Frequencies at which it has power, where it is one wave all along and no noise."""
+        return ()
+
+    @property
     def relaxation(self) -> Estimate | None:
         """Time constant of a relaxation, None for anything else."""
         return None

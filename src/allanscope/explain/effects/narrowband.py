@@ -26,7 +26,6 @@ from scipy.special import gammaincc
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
-from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import band_left_over, beside, tone_left_over
 from allanscope.explain.residual import removes
 from allanscope.explain.series import block_means
@@ -166,11 +165,9 @@ class Narrowband(EffectKind):
         return apart < min(self.bandwidth.value, other.bandwidth.value) / 2
 
     def holds(self, other: EffectKind) -> bool:
-        """Return whether a constant line within the band may be all that there is to it."""
-        if not isinstance(other, Sinusoid) or not other.is_constant:
-            return False
-        apart = abs(other.frequency.value - self.frequency.value)
-        return apart < _WITHIN * self.bandwidth.value
+        """Return whether a wave within the band may be all that there is to it."""
+        reach = _WITHIN * self.bandwidth.value
+        return any(abs(f - self.frequency.value) < reach for f in other.wave_hz)
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

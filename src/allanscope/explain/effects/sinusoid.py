@@ -109,6 +109,11 @@ class Sinusoid(EffectKind):
         """Whether the parts of the record may hold one and the same line."""
         return self.constancy_p is not None and self.constancy_p >= _CONSTANT_P
 
+    @property
+    def wave_hz(self) -> tuple[float, ...]:
+        """Its frequency, where it is constant."""
+        return (self.frequency.value,) if self.is_constant else ()
+
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another line is the same hypothesis."""
         return abs(self.frequency.value - other.frequency.value) < grid.rate_hz / grid.n

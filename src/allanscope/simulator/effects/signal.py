@@ -26,6 +26,7 @@ from allanscope.simulator.effects import Apply, Conditions, EffectContext, Param
 __all__ = [
     "amplitude_coupling",
     "cross_coupling",
+    "cycle",
     "drifting_line",
     "excursion",
     "motion",
@@ -68,6 +69,35 @@ def excursion(parameters: Mapping[str, float], context: EffectContext) -> Apply:
 
     def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values[conditions.time_s < back_s] += size
+
+    return apply
+
+
+@effect(
+    "cycle",
+    "a course of the level that is repeated in a time that wanders",
+    "signal",
+    period=Parameter("s", "median length of a cycle", above=0.0),
+    size=Parameter("axis", "from the lowest level to the highest"),
+    scatter=Parameter("1", "standard deviation of the logarithm of the length", 0.1, least=0.0),
+)
+def cycle(parameters: Mapping[str, float], context: EffectContext) -> Apply:
+    """Add y(t) = size / 2 sin(2 pi p + sin(2 pi p) / 2), the phase p one more in each cycle.
+
+    Lengths are drawn one by one; the record begins anywhere in the first cycle.
+    """
+    size, rng = parameters["size"], context.rng
+    begins: list[float] = []
+
+    def next_begin() -> None:
+        length = parameters["period"] * np.exp(parameters["scatter"] * rng.standard_normal())
+        begins.append(begins[-1] + length if begins else context.onset_s - rng.random() * length)
+
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        while len(begins) < 2 or begins[-1] <= conditions.time_s[-1]:
+            next_begin()
+        turn = 2 * np.pi * np.interp(conditions.time_s, begins, range(len(begins)))
+        values += size / 2 * np.sin(turn + np.sin(turn) / 2)
 
     return apply
 

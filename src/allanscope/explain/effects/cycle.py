@@ -1,0 +1,356 @@
+r"""A cycle: the level goes through one course again and again, each time in a time of its own.
+
+An air conditioner, a thermostat, the compressor of a refrigerator: the temperature of the bench
+goes up and down, and the level with it. Where no thermometer has measured it, the curve has a hump
+at half a period and falls beyond, which N, B and K take for a random walk. As the period wanders
+the spectrum has no line but a broad band, and others at its multiples: a range without a name.
+In phase it is one course (`explain.cycles`), whose harmonics are fitted together with the noise.
+
+It is held out cycle by cycle: the course is fitted to every second one and judged on the others.
+It is no `narrowband`: that is noise, whose amplitude is another in each cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.cycles import (
+    BELOW,
+    Cycles,
+    SlowPlaces,
+    first_begins,
+    phase_of,
+    settled,
+    slow_excess,
+)
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.unexplained import Unexplained
+from allanscope.explain.heldout import interleaved
+from allanscope.explain.regression import joint_fit, marginal_covariance
+from allanscope.explain.series import in_time
+from allanscope.explain.view import View
+from allanscope.noise.components import Component
+from allanscope.noise.components.narrowband import FORMS
+from allanscope.noise.selection import calibrated_penalty
+from allanscope.quantities import duration, measured
+
+Array = NDArray[np.float64]
+
+_PENALTY = calibrated_penalty("cycle")
+"""Nats that noise hardly gains beyond the price of the instants."""
+_HARMONIC = 3.0
+"""Nats that each further harmonic must gain."""
+_FEW, _MOST = 3, 12
+"""Harmonics at first, with which the instants are sure to be found, and at the most."""
+_MULTIPLES = (1.0, 0.5)
+"""Of the frequency with most power: the course may have most at twice its own."""
+_UNEVEN, _QUARTILES = 0.45, 1.349
+"""Scatter of the amplitude over the cycles, relative to it, from which they are noise: of noise in
+a band it is 0.57 (Rayleigh's), of measured temperatures 0.05 to 0.3. It is that of the quartiles,
+which are so many deviations apart: a few cycles that are none leave them where they are."""
+_MAIN = 0.7
+"""Power of the first harmonic over that of the loudest, at the least."""
+_REMNANT, _NEAR = 0.2, 0.15
+"""Share of their gain that irregular cycles may leave, and how near to their frequencies, as a part
+of these."""
+_WIDTH = 0.6
+"""Of the band of what differs from cycle to cycle, over the frequency: measured temperatures of
+incubators and refrigerators leave a twentieth of their power so, most within half of it."""
+_IRREGULAR, _PIECE = 0.1, 2.0
+"""Unevenness from which a piece of a cycle may be missing, and what that gains at the most, in
+times of what a cycle gains on average."""
+_COURSE = 256
+"""Places of a course from which its highest and its lowest are taken."""
+
+
+@dataclass(frozen=True)
+class Cycle(EffectKind):
+    """One course of the level, many times.
+
+    Attributes
+    ----------
+    period, sigma : Estimate
+        Mean length of a cycle, and the rms of the level.
+    peak_to_peak : float
+        Highest over lowest level of the course.
+    shortest_s, longest_s : float
+        Lengths of cycles.
+    begins : tuple of float
+        When each cycle begins, and the last one ends, in s; those at both ends of the record begin
+        before it and end after it.
+    course : tuple of float
+        Cosine and sine of each harmonic.
+    price_of_instants : float
+        In nats.
+    unevenness : float
+        Scatter of the amplitude over the cycles, relative to it, beyond that of the noise.
+    """
+
+    period: Estimate
+    sigma: Estimate
+    peak_to_peak: float
+    shortest_s: float
+    longest_s: float
+    begins: tuple[float, ...]
+    course: tuple[float, ...]
+    price_of_instants: float
+    unevenness: float = 0.0
+
+    kind = "cycle"
+    meaning = "the level goes through one course again and again, in a time that wanders"
+    phrase = "cycle of the level every {period}, {sigma} rms"
+    as_cause = "a cycle of the level"
+    acts_fast = False
+    sized_by = "sigma"
+    shared_by = "period"
+    is_single = True
+    has_one_cause = True
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "sinusoid": "has one period all along",
+        "narrowband": "is noise, whose amplitude is another in each cycle",
+        "temperature": "the measured temperature explains it",
+        "unexplained": "no course comes back",
+    }
+
+    @property
+    def count(self) -> int:
+        """Cycles, those in part among them."""
+        return len(self.begins) - 1
+
+    @property
+    def wave_hz(self) -> tuple[float, ...]:
+        """Mean frequency, and its multiples."""
+        return tuple((np.arange(1, len(self.course) // 2 + 1) / self.period.value).tolist())
+
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        shortest, longest = duration(self.shortest_s), duration(self.longest_s)
+        return (
+            f"the level goes through one course {self.count} times, on average in "
+            f"{duration(self.period.value)} ({shortest} to {longest}), "
+            f"{measured(self.peak_to_peak, unit=self.sigma.unit)} from highest to lowest, "
+            f"{self.sigma.text} rms"
+        )
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
+        """Cut the record into cycles of about the frequency at which there is most power."""
+        frequency = slow_excess(view)
+        if frequency is None:
+            return []
+        starts = (first_begins(view, frequency * times) for times in _MULTIPLES)
+        found = (cls._near(view, begins) for begins in starts if begins is not None)
+        known = [one for one in found if one is not None]
+        return [max(known, key=lambda one: one.excess)] if known else []
+
+    def refine(self, view: View) -> Candidate | None:
+        """Estimate instants and course again."""
+        return self._near(view, self._rows(view))
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Cut the whole record again: when the next cycle begins cannot be known."""
+        begins = first_begins(view, 1 / self.period.value)
+        found = None if begins is None else self._near(view, begins)
+        return replace(candidate, signal=None) if found is None else found.finished()
+
+    @classmethod
+    def _near(cls, view: View, begins: Array) -> Candidate | None:
+        """Return cycles that begin about then, with as many harmonics as they need."""
+        few = settled(view, begins, min(_FEW, _most(view, begins)))
+        if few is None:
+            return None
+        begins = _divided(few.begins, 1 + int(np.argmax(_powers(few.fit.amplitude))))
+        part = _irregular(view.grid.rate_hz / float(np.diff(begins).mean()))
+        noise, most = view.with_parts(part), _most(view, begins)
+        many = settled(noise, begins, most)
+        if many is None:
+            return None
+        columns = SlowPlaces.of(view, len(many.begins) - 1).harmonics(many.begins, most)
+        worth = [
+            joint_fit(noise, columns[: 2 * h]).gain - _HARMONIC * h for h in range(1, most + 1)
+        ]
+        best = 1 + int(np.argmax(worth))
+        last = many if best == most else settled(noise, many.begins, best)
+        return None if last is None else cls._of(view, noise, last, part)
+
+    @classmethod
+    def _of(cls, view: View, noise: View, cycles: Cycles, part: Component) -> Candidate:
+        """Return the candidate of settled cycles."""
+        rate, start_s = view.grid.rate_hz, view.series.start_s
+        lengths = np.diff(cycles.begins)[1:-1] / rate
+        mean = float(lengths.mean())
+        ends = float(np.hypot(cycles.errors[1], cycles.errors[-2])) / rate
+        error = np.hypot(lengths.std() / np.sqrt(len(lengths)), ends / len(lengths))
+        bare = cls(
+            Estimate.of(mean, float(error), "s"),
+            Estimate(1.0, unit=view.unit),
+            0.0,
+            float(lengths.min()),
+            float(lengths.max()),
+            tuple((start_s + cycles.begins / rate).tolist()),
+            tuple(cycles.fit.amplitude.tolist()),
+            cycles.price,
+        )
+        further = _HARMONIC * (len(bare.course) // 2 - 1)
+        searched = cycles.price + further + _PENALTY + float(np.log(ALPHA))
+        gain = cycles.fit.gain + noise.spectrum.loglik - view.spectrum.loglik
+        candidate = Candidate(bare, gain, searched, parts=(part,))
+
+        def finish() -> tuple[EffectKind, Array | None]:
+            covariance = marginal_covariance(noise, bare.columns(view), cycles.fit)
+            done = bare.solved(view, candidate, cycles.fit.amplitude, covariance).finished()
+            assert isinstance(done.effect, cls)
+            sizes, by_noise = bare._sizes(noise)
+            uneven = float(np.sqrt(max(float(np.var(sizes)) - by_noise, 0.0)))
+            return replace(done.effect, unevenness=uneven), done.signal
+
+        return replace(candidate, finish=finish)
+
+    def _rows(self, view: View) -> Array:
+        """Return the rows at which cycles begin, not whole numbers."""
+        return (np.array(self.begins) - view.series.start_s) * view.grid.rate_hz
+
+    def _cycle(self, view: View) -> NDArray[np.int64]:
+        """Return the number of the cycle in which each of as many places is as `in_time` has."""
+        places = SlowPlaces(view, view.grid.low + 1)
+        return np.floor(np.maximum(phase_of(self._rows(view), places.at), 0.0)).astype(np.int64)
+
+    def columns(self, view: View) -> Array:
+        """Return the ordinates of the harmonics."""
+        places = SlowPlaces.of(view, self.count)
+        return places.harmonics(self._rows(view), len(self.course) // 2)
+
+    def signal(self, view: View) -> Array:
+        """Return the level."""
+        phase = phase_of(self._rows(view), np.arange(view.grid.n, dtype=np.float64))
+        return _level(phase, np.array(self.course))
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the course that a regression found."""
+        noise = float(np.trace(covariance)) / 2
+        power = max(float(amplitude @ amplitude) / 2 - noise, 0.0)
+        error = np.sqrt(amplitude @ covariance @ amplitude) / max(2 * power, 1e-300)
+        level = _level(np.arange(_COURSE) / _COURSE, amplitude)
+        found = replace(
+            self,
+            sigma=Estimate.of_log(max(float(np.sqrt(power)), 1e-300), float(error), view.unit),
+            peak_to_peak=float(np.ptp(level)),
+            course=tuple(amplitude.tolist()),
+        )
+        return candidate.solved(found, partial(found.signal, view))
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return it where the cycles have one amplitude, and are not two or three in one.
+
+        That of noise is another in each, and a band of noise is all that there is. What goes up and
+        down once has most of its power at the frequency at which it does. Where all cycles may have
+        one length they are lines.
+        """
+        powers = _powers(self.course)
+        noise = view.with_parts(*candidate.parts)
+        sizes, by_noise = self._sizes(noise)
+        scatter = float(np.ptp(np.quantile(sizes, (0.25, 0.75)))) / _QUARTILES
+        if powers[0] < _MAIN * powers.max() or scatter**2 - by_noise > _UNEVEN**2:
+            return None
+        longer = [1 / (times * self.period.value) for times in (2, 3)]
+        if any(low < f < high for low, high in view.excluded for f in longer):
+            return None  # its own frequency has been left out
+        worth = joint_fit(noise, self.columns(view)).gain - candidate.penalty
+        steady = joint_fit(noise, self._steady().columns(view)).gain
+        return candidate if worth > max(steady, 0.0) else None
+
+    def _steady(self) -> Self:
+        """Return it with cycles of one length."""
+        number = np.arange(len(self.begins))
+        line = np.polyval(np.polyfit(number, self.begins, 1), number)
+        return replace(self, begins=tuple(line.tolist()))
+
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Refuse what irregular cycles leave: pieces of a cycle, and power at their frequencies."""
+        del view
+        if other.effect.is_slow:
+            is_piece = other.gain < _PIECE * known.gain / self.count
+            return "a piece of a cycle" if self.unevenness > _IRREGULAR and is_piece else ""
+        reach = _reach(other.effect)
+        if reach is None or other.gain > _REMNANT * known.gain:
+            return ""
+        low, high = ((1 - _NEAR) * reach[0], (1 + _NEAR) * reach[1])
+        return "left of the cycles" if any(low < f < high for f in self.wave_hz) else ""
+
+    def _sizes(self, noise: View) -> tuple[Array, float]:
+        """Return the amplitude of every cycle over the usual one, and its variance by noise.
+
+        `noise` has what is irregular as the last component: that does not count as noise.
+        """
+        columns, m = self.columns(noise), noise.grid.low
+        spectrum, f = joint_fit(noise, columns).spectrum, noise.grid.frequency[:m]
+        level = np.array(self.course) @ columns
+        highest = (len(self.course) // 2 + 1) / self.period.value
+        inside = spectrum.kept[:m] & (f > BELOW / self.period.value) & (f < highest)
+        data, signal = (in_time(x * inside) for x in (noise.ordinates[:m], level))
+        cycle = self._cycle(noise)
+        energy, right = (np.bincount(cycle, x * signal)[1:-1] for x in (signal, data))
+        quiet = spectrum.of(spectrum.model.components[:-1], f)
+        sizes, usual = right / energy, float(np.median(right / energy))
+        power = float(np.average(quiet, weights=level**2) * np.median(1 / energy))
+        return sizes / usual, power / usual**2
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge the course by every second cycle; the instants have cost what they cost."""
+        noise, columns = view.with_parts(*candidate.parts), self.columns(view)
+        fit = joint_fit(noise, columns)
+        held = interleaved(noise, fit, columns, recurs=True, block=self._cycle(view))
+        nats = held.nats - self.price_of_instants
+        return replace(held, nats=nats, design="every second cycle by the others")
+
+
+def _irregular(frequency: float) -> Component:
+    """Return what cycles leave of which each differs from the course, to be scaled."""
+    return FORMS[0](frequency, _WIDTH * frequency)
+
+
+def _most(view: View, begins: Array) -> int:
+    """Return the most harmonics that the slow ordinates hold."""
+    return max(1, min(_MOST, view.grid.low // (2 * len(begins))))
+
+
+def _powers(course: Iterable[float]) -> Array:
+    """Return the power of each harmonic, times two."""
+    return np.asarray(np.sum(np.reshape(list(course), (-1, 2)) ** 2, axis=1))
+
+
+def _divided(begins: Array, parts: int) -> Array:
+    """Return so many cycles in the place of each: it had several in it."""
+    cycle = np.arange(len(begins))
+    return np.interp(np.arange(parts * (len(begins) - 1) + 1) / parts, cycle, begins)
+
+
+def _reach(effect: EffectKind) -> tuple[float, float] | None:
+    """Return between which frequencies in Hz a wave, a band or a range is; None for others."""
+    if isinstance(effect, Unexplained):
+        return effect.limits if effect.is_tone else None
+    if isinstance(effect, Narrowband):
+        centre, half = effect.frequency.value, effect.bandwidth.value / 2
+        return centre - half, centre + half
+    return (min(effect.wave_hz), max(effect.wave_hz)) if effect.wave_hz else None
+
+
+def _level(phase: Array, course: Array) -> Array:
+    """Return the level at phases in cycles."""
+    turn = np.exp(2j * np.pi * phase)
+    level = np.zeros_like(turn)
+    for cosine, sine in course.reshape(-1, 2)[::-1]:
+        level = (level + (cosine - 1j * sine)) * turn
+    return np.asarray(level.real)

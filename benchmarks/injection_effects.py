@@ -24,7 +24,7 @@ KINDS = (
     *("sinusoid", "drifting_line", "narrowband", "gauss_markov", "random_telegraph", "power_law"),
     *("step", "excursion", "warm_up", "outliers", "shock", "variance_change", "scale_drift"),
     *("relaxation", "temperature", "temperature_lag", "temperature_curve", "cross_coupling"),
-    *("amplitude_coupling", "band_limit", "repeated_samples", "saturation", "dead_zone"),
+    *("amplitude_coupling", "band_limit", "repeated_samples", "saturation", "dead_zone", "cycle"),
 )
 FORMS = {
     "temperature_lag": ("temperature", "lag"),
@@ -204,6 +204,20 @@ class Injector(Maker):
         shape = np.exp(-self.t / tc)
         size = times * self._own(shape, 6.33) * float(self.rng.choice([-1, 1]))
         return {"time_constant": tc, "amplitude": size}, size * shape
+
+    def cycle(self, times, _noise, _others):
+        if self.duration < LONG_S:
+            return None
+        period = float(np.exp(self.rng.uniform(np.log(20.0), np.log(self.duration / 9))))
+        count = int(2 * self.duration / period) + 4
+        lengths = period * np.exp(0.12 * self.rng.standard_normal(count))
+        begins = np.cumsum(lengths) - lengths[0] * (1 + self.rng.random())
+        turn = 2 * np.pi * np.interp(self.t, begins, np.arange(float(count)))
+        shape = np.sin(turn + np.sin(turn) / 2)
+        # Each instant costs some two nats.
+        size = times * self._own(shape, float(np.sqrt(2 * (15 + 2 * self.duration / period))))
+        inside = np.diff(begins[(begins > 0) & (begins < self.t[-1])])
+        return {"period": float(inside.mean()), "sigma": size * float(np.std(shape))}, size * shape
 
     def shock(self, times, _noise, _others):
         at = float(self.rng.uniform(0.1, 0.85)) * self.duration

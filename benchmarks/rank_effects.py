@@ -179,6 +179,21 @@ class Hider:
         places = {"frequency": 0.3}
         return self.hidden("drifting_line", truth, size * shape, places=places)
 
+    def cycle(self) -> Hidden:
+        """Repeat a course of the level for twenty minutes."""
+        self.__init__(self.rng, self.rate, 1200.0)
+        self.d *= 3.0
+        period, scatter = self.rng.uniform(40.0, 100.0), self.rng.uniform(0.08, 0.2)
+        lengths = period * np.exp(scatter * self.rng.standard_normal(80) - scatter**2 / 2)
+        begins = np.append(0.0, np.cumsum(lengths)) - self.rng.random() * lengths[0]
+        turn = 2 * np.pi * np.interp(self.t, begins, np.arange(81.0))
+        shape = np.sin(turn + np.sin(turn) / 2)
+        even = np.linspace(0.0, 2 * np.pi, 1000, endpoint=False)
+        rms = float(np.std(np.sin(even + np.sin(even) / 2)))
+        size = self.scale(shape)
+        truth, places = {"period": period, "sigma": size * rms}, {"period": 0.15 * period}
+        return self.hidden("cycle", truth, size * shape, places=places)
+
     def warm_up(self) -> Hidden:
         tc = self.between(12.0, 0.2 * self.duration)
         shape = np.exp(-self.t / tc)

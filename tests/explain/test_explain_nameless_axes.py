@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from allanscope.analysis import findings_of
 from allanscope.explain import explain
 
-SIGMA = 4e-3 * 52.0**0.5
+RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 
 
-def cycle(b, mean_s):
-    """Return an air conditioner: a triangle whose period is another one each time."""
-    ends = np.cumsum(b.rng.uniform(0.6, 1.4, 60) * mean_s)
-    return np.abs(np.interp(b.t, np.append(0.0, ends), np.arange(61.0)) % 1 - 0.5) - 0.25
+def swell(b, period_s):
+    """Return a level that goes up and down, each time by another amount: too rarely for a band."""
+    pole = np.exp((-np.pi / (3 * period_s) + 2j * np.pi / period_s) / RATE)
+    n = len(b.t)
+    noise = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], b.rng.standard_normal(2 * n))
+    return noise[n:] / noise[n:].std()
 
 
 @pytest.mark.parametrize("seed", [71, 73, 78])
-def test_a_cycle_without_a_name_is_one_on_the_axes_that_go_along(bench, seed):
+def test_a_swell_without_a_name_is_one_on_the_axes_that_go_along(bench, seed):
     b = bench(seed, 7200.0)
-    room, other = cycle(b, 400.0), cycle(b, 400.0)
-    sizes = ((1.5, room), (-1.0, room), (1.5, other))
+    room, other = swell(b, 400.0), swell(b, 400.0)
+    sizes = ((0.4, room), (-0.3, room), (0.4, other))
     result = explain(b.record(*(b.noise() + a * SIGMA * c for a, c in sizes)))
     nameless = {
         axis: [e for e in one.effects if e.kind == "unexplained"]

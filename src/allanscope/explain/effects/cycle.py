@@ -65,9 +65,9 @@ of these."""
 _WIDTH = 0.6
 """Of the band of what differs from cycle to cycle, over the frequency: measured temperatures of
 incubators and refrigerators leave a twentieth of their power so, most within half of it."""
-_IRREGULAR, _PIECE = 0.1, 2.0
-"""Unevenness from which a piece of a cycle may be missing, and what that gains at the most, in
-times of what a cycle gains on average."""
+_PIECE = 3.0
+"""Times of what a cycle gains on average up to which a change of the level is what one of them
+differs by from the course."""
 _COURSE = 256
 """Places of a course from which its highest and its lowest are taken."""
 
@@ -113,6 +113,7 @@ class Cycle(EffectKind):
     sized_by = "sigma"
     shared_by = "period"
     is_single = True
+    is_rival = False  # lines of one length and noise in a band look like it, until it is judged
     has_one_cause = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "has one period all along",
@@ -280,9 +281,9 @@ class Cycle(EffectKind):
     def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
         """Refuse what irregular cycles leave: pieces of a cycle, and power at their frequencies."""
         del view
-        if other.effect.is_slow:
+        if other.effect.is_piecewise:
             is_piece = other.gain < _PIECE * known.gain / self.count
-            return "a piece of a cycle" if self.unevenness > _IRREGULAR and is_piece else ""
+            return "a piece of a cycle" if is_piece else ""
         reach = _reach(other.effect)
         if reach is None or other.gain > _REMNANT * known.gain:
             return ""

@@ -84,20 +84,20 @@ def _judged(
 def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     """Order candidates by what they gain beyond their penalty.
 
-    A constant line that holds a good part of the power of a band goes before the band: a few lines
-    side by side are lines, and so are those of a modulated tone.
+    Waves that hold a good part of the power of a band go before the band: a few lines side by side
+    are lines, and so are those of a modulated tone.
     """
     ranked = sorted(candidates, key=lambda c: -c.excess)
     for band in tuple(ranked):
-        lines = lines_that_hold(band, ranked)
-        if lines and band.excess > 0:
-            ranked.remove(lines[0])
-            ranked.insert(ranked.index(band), lines[0])
+        if band.excess > 0:
+            for line in lines_that_hold(band, ranked):
+                ranked.remove(line)
+                ranked.insert(ranked.index(band), line)
     return ranked
 
 
 def lines_that_hold(band: Candidate, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return the constant lines that hold a good part of the power of a band, in their order."""
+    """Return the waves that hold a good part of the power of a band, in their order."""
     least = _GOOD_PART * band.excess
     return [c for c in candidates if band.effect.holds(c.effect) and c.excess > least]
 

@@ -81,7 +81,7 @@ def test_noise_in_a_band_has_no_course(bench, seed):
 
 def test_a_step_beside_regular_cycles_keeps_its_name(bench):
     b = bench(7, SECONDS)
-    level = air_conditioner(b, instants(b)) + np.where(b.t > 4000.0, 1.0, 0.0)
+    level = air_conditioner(b, instants(b)) + np.where(b.t > 4000.0, 2.0, 0.0)
     (one,) = explain(b.record(b.noise() + 0.5 * SIGMA * level)).axes.values()
     assert sorted(kinds(one)) == ["cycle", "step"]
     (step,) = (e for e in one.effects if e.kind == "step")

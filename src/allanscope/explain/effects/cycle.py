@@ -51,11 +51,13 @@ _HARMONIC = 3.0
 """Nats that each further harmonic must gain."""
 _FEW, _MOST = 3, 12
 """Harmonics at first, with which the instants are sure to be found, and at the most."""
+_TURNS = 3
+"""Most turns of instants and number of harmonics."""
 _MULTIPLES = (1.0, 0.5)
 """Of the frequency with most power: the course may have most at twice its own."""
-_UNEVEN, _QUARTILES = 0.45, 1.349
+_UNEVEN, _QUARTILES = 0.3, 1.349
 """Scatter of the amplitude over the cycles, relative to it, from which they are noise: of noise in
-a band it is 0.57 (Rayleigh's), of measured temperatures 0.05 to 0.3. It is that of the quartiles,
+a band it is 0.57 (Rayleigh's), of measured temperatures 0.05 to 0.2. It is that of the quartiles,
 which are so many deviations apart: a few cycles that are none leave them where they are."""
 _MAIN = 0.7
 """Power of the first harmonic over that of the loudest, at the least."""
@@ -172,17 +174,16 @@ class Cycle(EffectKind):
             return None
         begins = _divided(few.begins, 1 + int(np.argmax(_powers(few.fit.amplitude))))
         part = _irregular(view.grid.rate_hz / float(np.diff(begins).mean()))
-        noise, most = view.with_parts(part), _most(view, begins)
-        many = settled(noise, begins, most)
-        if many is None:
-            return None
-        columns = SlowPlaces.of(view, len(many.begins) - 1).harmonics(many.begins, most)
-        worth = [
-            joint_fit(noise, columns[: 2 * h]).gain - _HARMONIC * h for h in range(1, most + 1)
-        ]
-        best = 1 + int(np.argmax(worth))
-        last = many if best == most else settled(noise, many.begins, best)
-        return None if last is None else cls._of(view, noise, last, part)
+        noise, harmonics = view.with_parts(part), 0
+        for _ in range(_TURNS):
+            before, harmonics = harmonics, _harmonics(noise, begins)
+            if harmonics == before:
+                break
+            cycles = settled(noise, begins, harmonics)
+            if cycles is None:
+                return None
+            begins = cycles.begins
+        return cls._of(view, noise, cycles, part)
 
     @classmethod
     def _of(cls, view: View, noise: View, cycles: Cycles, part: Component) -> Candidate:
@@ -268,9 +269,10 @@ class Cycle(EffectKind):
         longer = [1 / (times * self.period.value) for times in (2, 3)]
         if any(low < f < high for low, high in view.excluded for f in longer):
             return None  # its own frequency has been left out
-        worth = joint_fit(noise, self.columns(view)).gain - candidate.penalty
+        gain = joint_fit(noise, self.columns(view)).gain
         steady = joint_fit(noise, self._steady().columns(view)).gain
-        return candidate if worth > max(steady, 0.0) else None
+        least = max(candidate.log_alternatives, self.price_of_instants + steady)
+        return candidate if gain > least else None
 
     def _steady(self) -> Self:
         """Return it with cycles of one length."""
@@ -325,6 +327,14 @@ def _irregular(frequency: float) -> Component:
 def _most(view: View, begins: Array) -> int:
     """Return the most harmonics that the slow ordinates hold."""
     return max(1, min(_MOST, view.grid.low // (2 * len(begins))))
+
+
+def _harmonics(noise: View, begins: Array) -> int:
+    """Return how many harmonics cycles need that begin then."""
+    most = _most(noise, begins)
+    columns = SlowPlaces.of(noise, len(begins) - 1).harmonics(begins, most)
+    worth = [joint_fit(noise, columns[: 2 * h]).gain - _HARMONIC * h for h in range(1, most + 1)]
+    return 1 + int(np.argmax(worth))
 
 
 def _powers(course: Iterable[float]) -> Array:

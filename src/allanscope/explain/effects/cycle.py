@@ -19,6 +19,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.cycles import (
@@ -41,7 +42,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import Component
 from allanscope.noise.components.narrowband import FORMS
 from allanscope.noise.selection import calibrated_penalty
-from allanscope.quantities import duration, measured
+from allanscope.quantities import TWO_SIDED_95, duration, measured
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,8 @@ _FEW, _MOST = 3, 12
 """Harmonics at first, with which the instants are sure to be found, and at the most."""
 _TURNS = 3
 """Most turns of instants and number of harmonics."""
+_LONGER = (1, 2, 3)
+"""Times as long as a cycle: where such a frequency is left out of the fit, its own may be."""
 _MULTIPLES = (1.0, 0.5)
 """Of the frequency with most power: the course may have most at twice its own."""
 _UNEVEN, _QUARTILES = 0.3, 1.349
@@ -70,6 +73,8 @@ incubators and refrigerators leave a twentieth of their power so, most within ha
 _PIECE = 3.0
 """Times of what a cycle gains on average up to which a change of the level is what one of them
 differs by from the course."""
+_TAIL = 0.025
+"""Probability on each side of an interval."""
 _COURSE = 256
 """Places of a course from which its highest and its lowest are taken."""
 
@@ -169,11 +174,14 @@ class Cycle(EffectKind):
     @classmethod
     def _near(cls, view: View, begins: Array) -> Candidate | None:
         """Return cycles that begin about then, with as many harmonics as they need."""
-        few = settled(view, begins, min(_FEW, _most(view, begins)))
-        if few is None:
+        cycles = settled(view, begins, min(_FEW, _most(view, begins)))
+        if cycles is None:
             return None
-        begins = _divided(few.begins, 1 + int(np.argmax(_powers(few.fit.amplitude))))
-        part = _irregular(view.grid.rate_hz / float(np.diff(begins).mean()))
+        begins = _divided(cycles.begins, 1 + int(np.argmax(_powers(cycles.fit.amplitude))))
+        frequency = view.grid.rate_hz / float(np.diff(begins).mean())
+        if any(low < frequency / n < high for low, high in view.excluded for n in _LONGER):
+            return None
+        part = _irregular(frequency)
         noise, harmonics = view.with_parts(part), 0
         for _ in range(_TURNS):
             before, harmonics = harmonics, _harmonics(noise, begins)
@@ -192,7 +200,11 @@ class Cycle(EffectKind):
         lengths = np.diff(cycles.begins)[1:-1] / rate
         mean = float(lengths.mean())
         ends = float(np.hypot(cycles.errors[1], cycles.errors[-2])) / rate
-        error = np.hypot(lengths.std() / np.sqrt(len(lengths)), ends / len(lengths))
+        # Lengths scatter, by how much is known from these few (Student's distribution).
+        freedom = len(lengths) - 1
+        student = float(stdtrit(freedom, 1 - _TAIL)) / TWO_SIDED_95
+        scatter = student * lengths.std(ddof=1) / np.sqrt(len(lengths))
+        error = np.hypot(scatter, ends / len(lengths))
         bare = cls(
             Estimate.of(mean, float(error), "s"),
             Estimate(1.0, unit=view.unit),
@@ -266,9 +278,6 @@ class Cycle(EffectKind):
         scatter = float(np.ptp(np.quantile(sizes, (0.25, 0.75)))) / _QUARTILES
         if powers[0] < _MAIN * powers.max() or scatter**2 - by_noise > _UNEVEN**2:
             return None
-        longer = [1 / (times * self.period.value) for times in (2, 3)]
-        if any(low < f < high for low, high in view.excluded for f in longer):
-            return None  # its own frequency has been left out
         gain = joint_fit(noise, self.columns(view)).gain
         steady = joint_fit(noise, self._steady().columns(view)).gain
         least = max(candidate.log_alternatives, self.price_of_instants + steady)
@@ -305,9 +314,12 @@ class Cycle(EffectKind):
         data, signal = (in_time(x * inside) for x in (noise.ordinates[:m], level))
         cycle = self._cycle(noise)
         energy, right = (np.bincount(cycle, x * signal)[1:-1] for x in (signal, data))
+        seen = energy > 0
+        if not seen.any():  # all of its frequencies have been left out
+            return np.array([0.0, 2.0]), 0.0
+        sizes, usual = right[seen] / energy[seen], float(np.median(right[seen] / energy[seen]))
         quiet = spectrum.of(spectrum.model.components[:-1], f)
-        sizes, usual = right / energy, float(np.median(right / energy))
-        power = float(np.average(quiet, weights=level**2) * np.median(1 / energy))
+        power = float(np.average(quiet, weights=level**2) * np.median(1 / energy[seen]))
         return sizes / usual, power / usual**2
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:

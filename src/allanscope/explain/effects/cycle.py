@@ -39,8 +39,7 @@ from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.series import in_time
 from allanscope.explain.view import View
-from allanscope.noise.components import Component
-from allanscope.noise.components.narrowband import FORMS
+from allanscope.noise.components import Component, IrregularCycles
 from allanscope.noise.selection import calibrated_penalty
 from allanscope.quantities import TWO_SIDED_95, duration, measured
 
@@ -333,7 +332,7 @@ class Cycle(EffectKind):
 
 def _irregular(frequency: float) -> Component:
     """Return what cycles leave of which each differs from the course, to be scaled."""
-    return FORMS[0](frequency, _WIDTH * frequency)
+    return IrregularCycles(1.0, frequency, _WIDTH * frequency)
 
 
 def _most(view: View, begins: Array) -> int:

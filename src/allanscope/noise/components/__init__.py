@@ -22,6 +22,7 @@ gauss_markov          GaussMarkov                           sigma, correlation_t
 random_telegraph      RandomTelegraph                       amplitude, dwell
 narrowband            Narrowband, WanderingLine,            sigma, frequency, bandwidth
                       MovingLine, BandPassed, PeakFiltered
+cycle                 IrregularCycles                       sigma, frequency, bandwidth
 sinusoid              Sinusoid                              amplitude, frequency
 drifting_line         LineProfile                           none: measured
 ====================  ====================================  ============================
@@ -36,6 +37,7 @@ from allanscope.noise.components.gauss_markov import GaussMarkov
 from allanscope.noise.components.line_profile import LineProfile
 from allanscope.noise.components.narrowband import (
     BandPassed,
+    IrregularCycles,
     MovingLine,
     Narrowband,
     PeakFiltered,
@@ -60,6 +62,7 @@ __all__ = [
     "FlickerWalk",
     "Floor",
     "GaussMarkov",
+    "IrregularCycles",
     "LineProfile",
     "MovingLine",
     "Narrowband",

@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike
 from allanscope.noise.components.correlated import Correlated, ExponentialCovariance
 from allanscope.noise.part import Array, Component, Quantity
 
-__all__ = ["FORMS", "BandPassed", "MovingLine", "Narrowband", "PeakFiltered", "WanderingLine"]
+__all__ = [
+    "FORMS",
+    "BandPassed",
+    "IrregularCycles",
+    "MovingLine",
+    "Narrowband",
+    "PeakFiltered",
+    "WanderingLine",
+]
 
 _WIDEST = 1.98
 """Largest bandwidth in units of the frequency: just below critical damping."""
@@ -76,6 +84,13 @@ class Narrowband(Correlated, _InBand):
         offsets = (np.arange(9) - 4)[:, np.newaxis] / 9
         nodes = np.asarray(f, np.float64) + offsets * np.asarray(width, np.float64)
         return np.asarray(self.density(nodes, dt).mean(axis=0))
+
+
+@dataclass(frozen=True)
+class IrregularCycles(Narrowband):
+    """What cycles of the level leave of which each differs a little from the course of all."""
+
+    symbol: ClassVar[str] = "cycle"
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,6 @@ __all__ = [
     "Cycles",
     "SlowPlaces",
     "first_begins",
-    "harmonics_of",
     "phase_of",
     "settled",
     "slow_excess",
@@ -137,7 +136,7 @@ def _cycle_of(begins: Array, at: Array) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(begins, at, side="right") - 1, 0, len(begins) - 2)
 
 
-def harmonics_of(phase: Array, count: int) -> Array:
+def _waves(phase: Array, count: int) -> Array:
     """Return cosine and sine of a phase in cycles and of its multiples, shape (2 count, n)."""
     turn = np.exp(2j * np.pi * phase)
     waves, power = np.empty((2 * count, len(phase))), np.ones_like(turn)
@@ -184,7 +183,7 @@ class SlowPlaces:
     def harmonics(self, begins: Array, count: int) -> Array:
         """Return the ordinates of the harmonics of cycles, those beyond the places too, 0."""
         columns = np.zeros((2 * count, self.view.grid.low))
-        waves = harmonics_of(phase_of(begins, self.at), count)
+        waves = _waves(phase_of(begins, self.at), count)
         columns[:, : self.count - 1] = self.ordinates(waves)
         return columns
 
@@ -222,7 +221,7 @@ def first_begins(view: View, frequency: float) -> Array | None:
             length = float(np.exp(logs.mean()))
             scatter = float(np.clip(logs.std(), _STEADIEST, _FREEST))
             phase = phase_of(begins, np.arange(places.count, dtype=np.float64) + 0.5)
-            waves = harmonics_of(phase, harmonics)
+            waves = _waves(phase, harmonics)
             course = np.linalg.lstsq(waves.T, rows, rcond=None)[0]
     return begins * places.rows - 0.5
 
@@ -245,7 +244,7 @@ def _cut(rows: Array, length: float, scatter: float, course: Array) -> Array:
     padded, seen = (np.pad(values, beyond) for values in (rows, np.ones(n)))
     cost = np.full((len(padded), len(lengths)), np.inf)
     for i, size in enumerate(lengths.tolist()):
-        shape = course @ harmonics_of((np.arange(size) + 0.5) / size, len(course) // 2)
+        shape = course @ _waves((np.arange(size) + 0.5) / size, len(course) // 2)
         misfit = np.correlate(seen, shape**2, "valid") / 2 - np.correlate(padded, shape, "valid")
         unlikely = (np.log(size / length) / scatter) ** 2 / 2 + np.log(size)
         cost[: len(misfit), i] = misfit + unlikely
@@ -324,7 +323,7 @@ class _Step:
 def _step(places: SlowPlaces, begins: Array, fit: Regression) -> _Step:
     """Return one step of Gauss and Newton."""
     weight, m = places.weights(fit), places.count - 1
-    waves = harmonics_of(phase_of(begins, places.at), len(fit.amplitude) // 2)
+    waves = _waves(phase_of(begins, places.at), len(fit.amplitude) // 2)
     lengths, course = np.diff(begins), places.ordinates(waves) * weight
     left = places.view.ordinates[:m] * weight - fit.amplitude @ course
     changes = places.ordinates(_changes(places.at, begins, waves, fit.amplitude)) * weight

@@ -180,7 +180,7 @@ class Hider:
         return self.hidden("drifting_line", truth, size * shape, places=places)
 
     def cycle(self) -> Hidden:
-        """Repeat a course of the level for twenty minutes."""
+        """Repeat a waveform of the level for twenty minutes."""
         self.__init__(self.rng, self.rate, 1200.0)
         self.d *= 3.0
         period, scatter = self.rng.uniform(40.0, 100.0), self.rng.uniform(0.08, 0.2)

@@ -1,4 +1,4 @@
-"""A level that goes through one course again and again, in a time that wanders."""
+"""A level that goes through one waveform again and again, in a time that wanders."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_an_air_conditioner_is_one_finding_with_its_instants(bench, seed):
         found = np.array(effect.evidence["begins"])
         assert found[0] <= 0 < found[1]
         assert found[-2] < SECONDS - 1 / RATE <= found[-1]
-        # Where in its course a cycle begins is a matter of words, so one offset of all is free.
+        # Where in its waveform a cycle begins is a matter of words, so one offset of all is free.
         late = phase_of(begins, found[1:-1])
         assert np.std((late - late[0] + 0.5) % 1) < 0.04
     assert [one.axes for one in findings_of({a: one.effects for a, one in axes.items()})] == [
@@ -70,7 +70,7 @@ def test_waves_of_one_length_are_lines(bench, seed):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4, 5, 6])
-def test_noise_in_a_band_has_no_course(bench, seed):
+def test_noise_in_a_band_has_no_waveform(bench, seed):
     b = bench(seed, SECONDS)
     pole = np.exp((-np.pi / b.rng.uniform(2.0, 10.0) + 2j * np.pi) / (200.0 * RATE))
     e = b.rng.standard_normal(2 * len(b.t))

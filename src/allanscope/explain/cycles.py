@@ -1,4 +1,4 @@
-r"""When the cycles of a level begin that repeats one course, each in a time of its own.
+r"""When the cycles begin of a level that repeats one waveform, each with a length of its own.
 
 A thermostat switches when it is warm or cold enough, not by the clock. So the level is a function
 of a phase, a sum of harmonics c_h, and the phase goes on by one from the instant t_k at which a
@@ -7,8 +7,8 @@ cycle begins to the next,
 .. math:: x(t) = \sum_{h=1}^{H} \mathrm{Re}\, c_h e^{2 \pi i h \varphi(t)}, \qquad
           \varphi(t) = k + \frac{t - t_k}{t_{k+1} - t_k}
 
-Where the instants are known, the course is found by least squares (the time synchronous average of
-rotating machines; Braun, Acustica 32, 1975). Where it is known, the record is cut into cycles by
+Where the instants are known, the waveform is found by least squares (the time synchronous average
+of rotating machines; Braun, Acustica 32, 1975). Where it is known, the record is cut into cycles by
 dynamic programming: of all ways, each as likely a priori as the lengths scatter, that in which the
 whitened rows are likeliest. The two are done in turn, from a cosine on (`first_begins`). Then the
 instants are moved off the rows by the method of Gauss and Newton, the noise fitted again with each
@@ -20,8 +20,8 @@ are a priori than all that the data allow together,
 .. math:: \tfrac12 \ln \frac{\det (\Lambda + F)}{\det \Lambda}
           + \tfrac12 \sum_k \frac{(\ln d_k - \overline{\ln d})^2}{s^2}
 
-with the information F that the data hold on the instants, whatever the course is, and Lambda, that
-of lengths d_k whose logarithms scatter by s, about their mean or about that of the cycle before.
+with the information F that the data hold on the instants, whatever the waveform is, and Lambda,
+that of lengths d_k whose logarithms scatter by s, about their mean or that of the cycle before.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ _SHORTEST, _LONGEST = 0.5, 1.9
 _STEADIEST, _FREEST, _FIRST = 0.05, 0.3, 0.2
 """Scatter of the logarithm of lengths, at the least, at the most, and at first."""
 _TURNS = ((1, 3), (2, 2), (4, 2), (6, 2))
-"""Harmonics, and turns of instants and course with so many."""
+"""Harmonics, and turns of instants and waveform with so many."""
 _STEPS, _LEAP, _SETTLED = 12, 0.25, 0.3
 """Most steps of Gauss and Newton, how far in cycles an instant moves in one, and the gain in nats
 below which the last is done."""
@@ -211,10 +211,10 @@ def first_begins(view: View, frequency: float) -> Array | None:
     white = view.ordinates[: places.count - 1] * weight
     rows, length = in_time(white), places.count / cycles
     near = slice(int(2 * (1 - 2 * _BAND) * cycles), int(2 * (1 + 2 * _BAND) * cycles))
-    course, scatter = np.array([np.sqrt(2 * np.mean(white[near] ** 2)), 0.0]), _FIRST
+    waveform, scatter = np.array([np.sqrt(2 * np.mean(white[near] ** 2)), 0.0]), _FIRST
     for harmonics, turns in _TURNS:
         for _ in range(turns):
-            begins = _cut(rows, length, scatter, course)
+            begins = _cut(rows, length, scatter, waveform)
             if len(begins) <= _FEWEST:
                 return None
             logs = np.log(np.diff(begins)[1:-1])
@@ -222,11 +222,11 @@ def first_begins(view: View, frequency: float) -> Array | None:
             scatter = float(np.clip(logs.std(), _STEADIEST, _FREEST))
             phase = phase_of(begins, np.arange(places.count, dtype=np.float64) + 0.5)
             waves = _waves(phase, harmonics)
-            course = np.linalg.lstsq(waves.T, rows, rcond=None)[0]
+            waveform = np.linalg.lstsq(waves.T, rows, rcond=None)[0]
     return begins * places.rows - 0.5
 
 
-def _cut(rows: Array, length: float, scatter: float, course: Array) -> Array:
+def _cut(rows: Array, length: float, scatter: float, waveform: Array) -> Array:
     """Return the ends of the likeliest cycles, in places: the first before the record.
 
     Parameters
@@ -235,7 +235,7 @@ def _cut(rows: Array, length: float, scatter: float, course: Array) -> Array:
         The level, of unit variance beside the cycles.
     length, scatter : float
         Usual length, and the standard deviation of its logarithm.
-    course : ndarray, shape (2 h,)
+    waveform : ndarray, shape (2 h,)
         Cosines and sines of a cycle.
     """
     n, lengths = len(rows), np.arange(max(4, int(_SHORTEST * length)), int(_LONGEST * length) + 1)
@@ -244,7 +244,7 @@ def _cut(rows: Array, length: float, scatter: float, course: Array) -> Array:
     padded, seen = (np.pad(values, beyond) for values in (rows, np.ones(n)))
     cost = np.full((len(padded), len(lengths)), np.inf)
     for i, size in enumerate(lengths.tolist()):
-        shape = course @ _waves((np.arange(size) + 0.5) / size, len(course) // 2)
+        shape = waveform @ _waves((np.arange(size) + 0.5) / size, len(waveform) // 2)
         misfit = np.correlate(seen, shape**2, "valid") / 2 - np.correlate(padded, shape, "valid")
         unlikely = (np.log(size / length) / scatter) ** 2 / 2 + np.log(size)
         cost[: len(misfit), i] = misfit + unlikely
@@ -262,14 +262,14 @@ def _cut(rows: Array, length: float, scatter: float, course: Array) -> Array:
 
 
 def settled(view: View, begins: Array, harmonics: int) -> Cycles | None:
-    """Return cycles where they are likeliest, with noise and course; None where they run together.
+    """Return the likeliest cycles, with noise and waveform; None where they run together.
 
     Parameters
     ----------
     begins : ndarray, shape (k + 1,)
         About when each begins, in rows.
     harmonics : int
-        Of the course.
+        Of the waveform.
     """
     places = SlowPlaces.of(view, len(begins) - 1)
 
@@ -292,6 +292,8 @@ def settled(view: View, begins: Array, harmonics: int) -> Cycles | None:
             part /= 2
         if abs(gained) < _SETTLED:
             break
+    if len(begins) <= _FEWEST:
+        return None
     last = _step(places, begins, fit)
     return Cycles(begins, last.errors, last.price, fit)
 
@@ -324,12 +326,13 @@ def _step(places: SlowPlaces, begins: Array, fit: Regression) -> _Step:
     """Return one step of Gauss and Newton."""
     weight, m = places.weights(fit), places.count - 1
     waves = _waves(phase_of(begins, places.at), len(fit.amplitude) // 2)
-    lengths, course = np.diff(begins), places.ordinates(waves) * weight
-    left = places.view.ordinates[:m] * weight - fit.amplitude @ course
+    lengths, waveform = np.diff(begins), places.ordinates(waves) * weight
+    left = places.view.ordinates[:m] * weight - fit.amplitude @ waveform
     changes = places.ordinates(_changes(places.at, begins, waves, fit.amplitude)) * weight
-    # Whatever the instants change that the course can change as well is not known of them.
+    # Whatever the instants change that the waveform can change as well is not known of them.
     free = (
-        changes - (changes @ course.T) @ np.linalg.pinv(course @ course.T, hermitian=True) @ course
+        changes
+        - (changes @ waveform.T) @ np.linalg.pinv(waveform @ waveform.T, hermitian=True) @ waveform
     )
     unusual, apart = _unusual(lengths)
     known = apart.T @ apart
@@ -372,12 +375,12 @@ def _unusual(lengths: Array) -> tuple[Array, Array]:
     return unusual, apart
 
 
-def _changes(at: Array, begins: Array, waves: Array, course: Array) -> Array:
+def _changes(at: Array, begins: Array, waves: Array, waveform: Array) -> Array:
     """Return what the level changes by as each instant is moved by a row, shape (k + 1, places)."""
-    order = np.repeat(np.arange(1, len(course) // 2 + 1), 2)
+    order = np.repeat(np.arange(1, len(waveform) // 2 + 1), 2)
     turned = np.empty_like(waves)
     turned[0::2], turned[1::2] = -waves[1::2], waves[0::2]
-    slope = 2 * np.pi * (order * course) @ turned
+    slope = 2 * np.pi * (order * waveform) @ turned
     cycle = _cycle_of(begins, at)
     length = np.diff(begins)[cycle]
     gone = (at - begins[cycle]) / length

@@ -1,12 +1,13 @@
-r"""A cycle: the level goes through one course again and again, each time in a time of its own.
+r"""A cycle: the level repeats one waveform, in cycles of which each has a length of its own.
 
 An air conditioner, a thermostat, the compressor of a refrigerator: the temperature of the bench
 goes up and down, and the level with it. Where no thermometer has measured it, the curve has a hump
 at half a period and falls beyond, which N, B and K take for a random walk. As the period wanders
 the spectrum has no line but a broad band, and others at its multiples: a range without a name.
-In phase it is one course (`explain.cycles`), whose harmonics are fitted together with the noise.
+As a function of the phase it is one waveform (`explain.cycles`), whose harmonics are fitted
+together with the noise.
 
-It is held out cycle by cycle: the course is fitted to every second one and judged on the others.
+It is held out cycle by cycle: the waveform is fitted to every second one and judged on the others.
 It is no `narrowband`: that is noise, whose amplitude is another in each cycle.
 """
 
@@ -56,7 +57,7 @@ _TURNS = 3
 _LONGER = (1, 2, 3)
 """Times as long as a cycle: where such a frequency is left out of the fit, its own may be."""
 _MULTIPLES = (1.0, 0.5)
-"""Of the frequency with most power: the course may have most at twice its own."""
+"""Of the frequency with most power: the waveform may have most at twice its own."""
 _UNEVEN, _QUARTILES = 0.3, 1.349
 """Scatter of the amplitude over the cycles, relative to it, from which they are noise: of noise in
 a band it is 0.57 (Rayleigh's), of measured temperatures 0.05 to 0.2. It is that of the quartiles,
@@ -71,29 +72,29 @@ _WIDTH = 0.6
 incubators and refrigerators leave a twentieth of their power so, most within half of it."""
 _PIECE = 3.0
 """Times of what a cycle gains on average up to which a change of the level is what one of them
-differs by from the course."""
+differs by from the waveform."""
 _TAIL = 0.025
 """Probability on each side of an interval."""
-_COURSE = 256
-"""Places of a course from which its highest and its lowest are taken."""
+_WAVEFORM = 256
+"""Places of a waveform from which its highest and its lowest are taken."""
 
 
 @dataclass(frozen=True)
 class Cycle(EffectKind):
-    """One course of the level, many times.
+    """A waveform of the level, and when it is repeated.
 
     Attributes
     ----------
     period, sigma : Estimate
         Mean length of a cycle, and the rms of the level.
     peak_to_peak : float
-        Highest over lowest level of the course.
+        Highest over lowest level of the waveform.
     shortest_s, longest_s : float
         Lengths of cycles.
     begins : tuple of float
         When each cycle begins, and the last one ends, in s; those at both ends of the record begin
         before it and end after it.
-    course : tuple of float
+    waveform : tuple of float
         Cosine and sine of each harmonic.
     price_of_instants : float
         In nats.
@@ -107,12 +108,12 @@ class Cycle(EffectKind):
     shortest_s: float
     longest_s: float
     begins: tuple[float, ...]
-    course: tuple[float, ...]
+    waveform: tuple[float, ...]
     price_of_instants: float
     unevenness: float = 0.0
 
     kind = "cycle"
-    meaning = "the level goes through one course again and again, in a time that wanders"
+    meaning = "the level repeats one waveform, in cycles whose length wanders"
     phrase = "cycle of the level every {period}, {sigma} rms"
     as_cause = "a cycle of the level"
     acts_fast = False
@@ -125,7 +126,7 @@ class Cycle(EffectKind):
         "sinusoid": "has one period all along",
         "narrowband": "is noise, whose amplitude is another in each cycle",
         "temperature": "the measured temperature explains it",
-        "unexplained": "no course comes back",
+        "unexplained": "no waveform is repeated",
     }
 
     @property
@@ -136,16 +137,16 @@ class Cycle(EffectKind):
     @property
     def wave_hz(self) -> tuple[float, ...]:
         """Mean frequency, and its multiples."""
-        return tuple((np.arange(1, len(self.course) // 2 + 1) / self.period.value).tolist())
+        return tuple((np.arange(1, len(self.waveform) // 2 + 1) / self.period.value).tolist())
 
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
         shortest, longest = duration(self.shortest_s), duration(self.longest_s)
         return (
-            f"the level goes through one course {self.count} times, on average in "
-            f"{duration(self.period.value)} ({shortest} to {longest}), "
-            f"{measured(self.peak_to_peak, unit=self.sigma.unit)} from highest to lowest, "
+            f"the level repeats one waveform {self.count} times, every "
+            f"{duration(self.period.value)} on average ({shortest} to {longest}), "
+            f"{measured(self.peak_to_peak, unit=self.sigma.unit)} peak to peak, "
             f"{self.sigma.text} rms"
         )
 
@@ -161,7 +162,7 @@ class Cycle(EffectKind):
         return [max(known, key=lambda one: one.excess)] if known else []
 
     def refine(self, view: View) -> Candidate | None:
-        """Estimate instants and course again."""
+        """Estimate instants and waveform again."""
         return self._near(view, self._rows(view))
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
@@ -214,7 +215,7 @@ class Cycle(EffectKind):
             tuple(cycles.fit.amplitude.tolist()),
             cycles.price,
         )
-        further = _HARMONIC * (len(bare.course) // 2 - 1)
+        further = _HARMONIC * (len(bare.waveform) // 2 - 1)
         searched = cycles.price + further + _PENALTY + float(np.log(ALPHA))
         gain = cycles.fit.gain + noise.spectrum.loglik - view.spectrum.loglik
         candidate = Candidate(bare, gain, searched, parts=(part,))
@@ -241,26 +242,26 @@ class Cycle(EffectKind):
     def columns(self, view: View) -> Array:
         """Return the ordinates of the harmonics."""
         places = SlowPlaces.of(view, self.count)
-        return places.harmonics(self._rows(view), len(self.course) // 2)
+        return places.harmonics(self._rows(view), len(self.waveform) // 2)
 
     def signal(self, view: View) -> Array:
         """Return the level."""
         phase = phase_of(self._rows(view), np.arange(view.grid.n, dtype=np.float64))
-        return _level(phase, np.array(self.course))
+        return _level(phase, np.array(self.waveform))
 
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
     ) -> Candidate:
-        """Return the course that a regression found."""
+        """Return the waveform that a regression found."""
         noise = float(np.trace(covariance)) / 2
         power = max(float(amplitude @ amplitude) / 2 - noise, 0.0)
         error = np.sqrt(amplitude @ covariance @ amplitude) / max(2 * power, 1e-300)
-        level = _level(np.arange(_COURSE) / _COURSE, amplitude)
+        level = _level(np.arange(_WAVEFORM) / _WAVEFORM, amplitude)
         found = replace(
             self,
             sigma=Estimate.of_log(max(float(np.sqrt(power)), 1e-300), float(error), view.unit),
             peak_to_peak=float(np.ptp(level)),
-            course=tuple(amplitude.tolist()),
+            waveform=tuple(amplitude.tolist()),
         )
         return candidate.solved(found, partial(found.signal, view))
 
@@ -271,7 +272,7 @@ class Cycle(EffectKind):
         down once has most of its power at the frequency at which it does. Where all cycles may have
         one length they are lines.
         """
-        powers = _powers(self.course)
+        powers = _powers(self.waveform)
         noise = view.with_parts(*candidate.parts)
         sizes, by_noise = self._sizes(noise)
         scatter = float(np.ptp(np.quantile(sizes, (0.25, 0.75)))) / _QUARTILES
@@ -307,8 +308,8 @@ class Cycle(EffectKind):
         """
         columns, m = self.columns(noise), noise.grid.low
         spectrum, f = joint_fit(noise, columns).spectrum, noise.grid.frequency[:m]
-        level = np.array(self.course) @ columns
-        highest = (len(self.course) // 2 + 1) / self.period.value
+        level = np.array(self.waveform) @ columns
+        highest = (len(self.waveform) // 2 + 1) / self.period.value
         inside = spectrum.kept[:m] & (f > BELOW / self.period.value) & (f < highest)
         data, signal = (in_time(x * inside) for x in (noise.ordinates[:m], level))
         cycle = self._cycle(noise)
@@ -322,7 +323,7 @@ class Cycle(EffectKind):
         return sizes / usual, power / usual**2
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge the course by every second cycle; the instants have cost what they cost."""
+        """Judge the waveform by every second cycle; the instants have cost what they cost."""
         noise, columns = view.with_parts(*candidate.parts), self.columns(view)
         fit = joint_fit(noise, columns)
         held = interleaved(noise, fit, columns, recurs=True, block=self._cycle(view))
@@ -331,7 +332,7 @@ class Cycle(EffectKind):
 
 
 def _irregular(frequency: float) -> Component:
-    """Return what cycles leave of which each differs from the course, to be scaled."""
+    """Return what cycles leave of which each differs from the waveform, to be scaled."""
     return IrregularCycles(1.0, frequency, _WIDTH * frequency)
 
 
@@ -348,9 +349,9 @@ def _harmonics(noise: View, begins: Array) -> int:
     return 1 + int(np.argmax(worth))
 
 
-def _powers(course: Iterable[float]) -> Array:
+def _powers(waveform: Iterable[float]) -> Array:
     """Return the power of each harmonic, times two."""
-    return np.asarray(np.sum(np.reshape(list(course), (-1, 2)) ** 2, axis=1))
+    return np.asarray(np.sum(np.reshape(list(waveform), (-1, 2)) ** 2, axis=1))
 
 
 def _divided(begins: Array, parts: int) -> Array:
@@ -369,10 +370,10 @@ def _reach(effect: EffectKind) -> tuple[float, float] | None:
     return (min(effect.wave_hz), max(effect.wave_hz)) if effect.wave_hz else None
 
 
-def _level(phase: Array, course: Array) -> Array:
+def _level(phase: Array, waveform: Array) -> Array:
     """Return the level at phases in cycles."""
     turn = np.exp(2j * np.pi * phase)
     level = np.zeros_like(turn)
-    for cosine, sine in course.reshape(-1, 2)[::-1]:
+    for cosine, sine in waveform.reshape(-1, 2)[::-1]:
         level = (level + (cosine - 1j * sine)) * turn
     return np.asarray(level.real)

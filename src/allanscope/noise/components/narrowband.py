@@ -88,7 +88,7 @@ class Narrowband(Correlated, _InBand):
 
 @dataclass(frozen=True)
 class IrregularCycles(Narrowband):
-    """What cycles of the level leave of which each differs a little from the course of all."""
+    """What cycles of the level leave of which each differs a little from the others."""
 
     symbol: ClassVar[str] = "cycle"
 

@@ -75,7 +75,7 @@ def excursion(parameters: Mapping[str, float], context: EffectContext) -> Apply:
 
 @effect(
     "cycle",
-    "a course of the level that is repeated in a time that wanders",
+    "a waveform of the level, repeated in cycles whose length wanders",
     "signal",
     period=Parameter("s", "median length of a cycle", above=0.0),
     size=Parameter("axis", "from the lowest level to the highest"),

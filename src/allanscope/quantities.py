@@ -365,11 +365,15 @@ def periods(low: float, high: float | None = None) -> str:
 
     >>> periods(0.0014), periods(0.00109, 0.00266), periods(0.05)
     (' (period 11 min 54 s)', ' (periods of 6 min 16 s to 15 min 17 s)', '')
+    >>> periods(0.0, 0.00266)
+    ' (periods of 6 min 16 s and more)'
     """
-    if low <= 0.0 or (high or low) > _SLOW_HZ:
+    if not 0.0 < (high or low) <= _SLOW_HZ:
         return ""
     if high is None:
         return f" (period {duration(1 / low)})"
+    if low <= 0.0:
+        return f" (periods of {duration(1 / high)} and more)"
     return f" (periods of {duration(1 / high)} to {duration(1 / low)})"
 
 

@@ -38,7 +38,7 @@ from allanscope.explain.stationarity import demodulate
 from allanscope.explain.view import Span, View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Grid
-from allanscope.quantities import CHI_SQUARE_MEDIAN, measured
+from allanscope.quantities import CHI_SQUARE_MEDIAN, measured, periods
 
 Array = NDArray[np.float64]
 
@@ -120,15 +120,17 @@ class DriftingLine(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
+        f = self.frequency.value
+        line = f"a line around {f:.5g} Hz{periods(f)}"
         if self.present is not None and self.share_of_time is not None:
             when = Presence(self.share_of_time, self.present)
             then = self.sigma.value / float(np.sqrt(self.share_of_time))
             return (
-                f"a line around {self.frequency.value:.5g} Hz {when.words}; its rms amplitude is "
+                f"{line} {when.words}; its rms amplitude is "
                 f"{measured(then, unit=self.sigma.unit)} then, {self.sigma.text} over the record"
             )
         return (
-            f"a line around {self.frequency.value:.5g} Hz drifts within "
+            f"{line} drifts within "
             f"{self.bandwidth.value:.3g} Hz; its rms amplitude is {self.sigma.text} ("
             f"{measured(self.amplitude_least, unit=self.sigma.unit)} to "
             f"{measured(self.amplitude_most, unit=self.sigma.unit)} over tenths of the record)"

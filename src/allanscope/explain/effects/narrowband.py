@@ -46,7 +46,7 @@ from allanscope.noise.components.narrowband import FORMS
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
 from allanscope.optimise import descend, minimise
-from allanscope.quantities import measured
+from allanscope.quantities import measured, periods
 
 Array = NDArray[np.float64]
 Shape = Callable[[float, float], Component]
@@ -149,8 +149,8 @@ class Narrowband(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        words = f"noise in a band of {self.bandwidth.value:.3g} Hz around "
-        words += f"{self.frequency.value:.4g} Hz"
+        f = self.frequency.value
+        words = f"noise in a band of {self.bandwidth.value:.3g} Hz around {f:.4g} Hz{periods(f)}"
         if self.moves is not None:
             words += f", whose centre moves between {self.moves[0]:.4g} and {self.moves[1]:.4g} Hz"
         if self.swells is not None:

@@ -40,7 +40,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import Sinusoid as Line
 from allanscope.noise.grid import Grid
 from allanscope.optimise import minimise_between
-from allanscope.quantities import CHI_SQUARE_MEDIAN
+from allanscope.quantities import CHI_SQUARE_MEDIAN, periods
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,8 @@ class Sinusoid(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return f"a line at {self.frequency.value:.6g} Hz, amplitude {self.amplitude.text}"
+        f = self.frequency.value
+        return f"a line at {f:.6g} Hz{periods(f)}, amplitude {self.amplitude.text}"
 
     @property
     def curve(self) -> Line:

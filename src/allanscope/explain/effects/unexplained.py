@@ -196,8 +196,12 @@ def _known(view: View) -> list[tuple[Candidate, Unexplained]]:
 
 def _range(view: View, low: float, high: float) -> str:
     """Return where a range is: two frequencies, or the upper one where it begins at the lowest."""
-    unit = view.grid.rate_hz / (2 * view.grid.n)
-    return f"below {high:.3g}" if low < _LOWEST * unit else f"between {_both(low, high)}"
+    return f"below {high:.3g}" if _is_lowest(view, low) else f"between {_both(low, high)}"
+
+
+def _is_lowest(view: View, low: float) -> bool:
+    """Return whether a range that begins there begins at the lowest frequency of the record."""
+    return low < _LOWEST * view.grid.rate_hz / (2 * view.grid.n)
 
 
 def _both(low: float, high: float) -> str:
@@ -317,7 +321,8 @@ def tone_without_name(
     """
     known = 2 * TWO_SIDED_95 * error < 1
     size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * TWO_SIDED_95 * error))
-    where = f"{_range(view, profile.low, profile.high)} Hz{periods(profile.low, profile.high)}"
+    longest = 0.0 if _is_lowest(view, profile.low) else profile.low
+    where = f"{_range(view, profile.low, profile.high)} Hz{periods(longest, profile.high)}"
     limit = "" if known else "below "
     words = f"power {where} changes in frequency or amplitude; its rms is {limit}"
     words += measured(size, unit=view.unit)

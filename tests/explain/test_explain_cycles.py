@@ -60,6 +60,17 @@ def test_an_air_conditioner_is_one_finding_with_its_instants(bench, seed):
     ]
 
 
+def test_axes_that_follow_two_air_conditioners_are_two_findings(bench):
+    b = bench(4, SECONDS)
+    room, other = (air_conditioner(b, instants(b)) for _ in range(2))
+    levels = 0.5 * room, -0.3 * room, 0.8 * other
+    axes = explain(b.record(*(b.noise() + SIGMA * level for level in levels))).axes
+    found = findings_of({axis: one.effects for axis, one in axes.items()})
+    assert sorted((one.kind, one.axes) for one in found) == [
+        ("cycle", ("gx", "gy")), ("cycle", ("gz",)),
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_waves_of_one_length_are_lines(bench, seed):
     b = bench(seed, SECONDS)

@@ -420,7 +420,7 @@ def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Ca
 
     def is_one(other: Candidate, beside: View) -> bool:
         if key:
-            return _same(candidate, other, key)
+            return _same(candidate, other, key) and candidate.effect.goes_along(other.effect)
         return _go_along(views[axis], candidate, other, beside)
 
     axes = tuple(

@@ -374,6 +374,11 @@ class EffectKind(ABC):
         del view, amplitude, covariance
         return candidate
 
+    def goes_along(self, other: Self) -> bool:
+        """Return whether one on another axis, alike in what they share, may have the same cause."""
+        del other
+        return True
+
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another effect of this kind is the same hypothesis."""
         del other, grid

@@ -73,6 +73,9 @@ incubators and refrigerators leave a twentieth of their power so, most within ha
 _PIECE = 3.0
 """Times of what a cycle gains on average up to which a change of the level is what one of them
 differs by from the waveform."""
+_TOGETHER = 0.6
+"""Mean vector of the phases at which the cycles of another axis begin, 1 where all are the same: by
+chance it is one over the root of their number."""
 _TAIL = 0.025
 """Probability on each side of an interval."""
 _WAVEFORM = 256
@@ -121,7 +124,6 @@ class Cycle(EffectKind):
     shared_by = "period"
     is_single = True
     is_rival = False  # lines of one length and noise in a band look like it, until it is judged
-    has_one_cause = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "has one period all along",
         "narrowband": "is noise, whose amplitude is another in each cycle",
@@ -160,6 +162,11 @@ class Cycle(EffectKind):
         found = (cls._near(view, begins) for begins in starts if begins is not None)
         known = [one for one in found if one is not None]
         return [max(known, key=lambda one: one.excess)] if known else []
+
+    def goes_along(self, other: Self) -> bool:
+        """Return whether cycles of another axis begin at the same places in these."""
+        phase = phase_of(np.array(self.begins), np.array(other.begins[1:-1]))
+        return bool(abs(np.mean(np.exp(2j * np.pi * phase))) > _TOGETHER)
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate instants and waveform again."""

@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 
 from allanscope.analysis import findings_of
 from allanscope.explain import explain
-from allanscope.explain.cycles import phase_of
+from allanscope.explain.cycles import phase_of, settled
+from allanscope.explain.effects import cycle
 from allanscope.explain.effects.cycle import Cycle
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
@@ -48,7 +49,10 @@ def test_an_air_conditioner_is_one_finding_with_its_instants(bench, seed):
         (effect,) = one.effects
         assert effect.parameters["sigma"].value == pytest.approx(abs(size) * SIGMA, rel=0.05)
         inside = begins[(begins > 0) & (begins < SECONDS)]
-        assert effect.parameters["period"].value == pytest.approx(np.diff(inside).mean(), rel=0.03)
+        period, lengths = effect.parameters["period"], np.diff(inside)
+        assert period.value == pytest.approx(lengths.mean(), rel=0.03)
+        half = 2.11 * lengths.std(ddof=1) / np.sqrt(len(lengths))  # Student's t of some 17 lengths
+        assert period.upper - period.value == pytest.approx(half, rel=0.15)
         found = np.array(effect.evidence["begins"])
         assert found[0] <= 0 < found[1]
         assert found[-2] < SECONDS - 1 / RATE <= found[-1]
@@ -88,6 +92,27 @@ def test_noise_in_a_band_has_no_waveform(bench, seed):
     noise = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], e)[len(b.t) :]
     (one,) = explain(b.record(b.noise() + SIGMA * noise / noise.std())).axes.values()
     assert "cycle" not in kinds(one)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_gains_less_than_its_instants_cost(bench, monkeypatch, seed):
+    b = bench(seed, SECONDS)
+    monkeypatch.setattr(cycle, "slow_excess", lambda _: b.rng.uniform(0.002, 0.01))
+    (one,) = Cycle.candidates(View.of(series_of(b.record(b.noise())), "gx"))
+    assert one.effect.price_of_instants > 0
+    assert one.excess < 0
+
+
+def test_cycles_cover_the_record(bench):
+    b = bench(9, SECONDS)
+    begins = instants(b)
+    rows = b.noise() + 0.5 * SIGMA * air_conditioner(b, begins)
+    view = View.of(series_of(b.record(rows)), "gx")
+    inside = begins[(begins > 0) & (begins < SECONDS)] * RATE
+    found = settled(view, inside, 3)  # without the two that are there in part
+    assert len(found.begins) == len(inside) + 2
+    assert found.begins[0] <= 0
+    assert found.begins[-1] >= len(rows) - 1
 
 
 def test_a_step_beside_regular_cycles_keeps_its_name(bench):

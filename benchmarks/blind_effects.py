@@ -47,6 +47,17 @@ class Truth:
     again: Callable[[np.random.Generator, Array], Array] | None = field(default=None, repr=False)
 
 
+def repeating(rng: np.random.Generator, t: Array, lengths: Array) -> tuple[Array, Array]:
+    """Return when cycles of such lengths begin, anywhere in the first, and what they repeat."""
+    begins = np.append(0.0, np.cumsum(lengths)) - rng.random() * lengths[0]
+    return begins, swaying(2 * np.pi * np.interp(t, begins, np.arange(float(len(begins)))))
+
+
+def swaying(turn: Array) -> Array:
+    """Return a wave that rises faster than it falls."""
+    return np.sin(turn + np.sin(turn) / 2)
+
+
 def ringing(rng: np.random.Generator, n: int, pole: complex, sigma: float) -> Array:
     """Noise in a band around the angle of the pole."""
     e = rng.normal(size=n + 4000) + 1j * rng.normal(size=n + 4000)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from blind_effects import Maker, forgetting, hopping, ringing
+from blind_effects import Maker, forgetting, hopping, repeating, ringing
 from blind_noise import Array, lorentzian
 from scipy.fft import dct, idct
 from scipy.optimize import minimize
@@ -211,9 +211,7 @@ class Injector(Maker):
         period = float(np.exp(self.rng.uniform(np.log(20.0), np.log(self.duration / 9))))
         count = int(2 * self.duration / period) + 4
         lengths = period * np.exp(0.12 * self.rng.standard_normal(count))
-        begins = np.cumsum(lengths) - lengths[0] * (1 + self.rng.random())
-        turn = 2 * np.pi * np.interp(self.t, begins, np.arange(float(count)))
-        shape = np.sin(turn + np.sin(turn) / 2)
+        begins, shape = repeating(self.rng, self.t, lengths)
         # Each instant costs some two nats.
         size = times * self._own(shape, float(np.sqrt(2 * (15 + 2 * self.duration / period))))
         inside = np.diff(begins[(begins > 0) & (begins < self.t[-1])])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from blind_effects import forgetting, hopping, ringing
+from blind_effects import forgetting, hopping, repeating, ringing, swaying
 from blind_noise import (
     Array,
     Noise,
@@ -185,11 +185,8 @@ class Hider:
         self.d *= 3.0
         period, scatter = self.rng.uniform(40.0, 100.0), self.rng.uniform(0.08, 0.2)
         lengths = period * np.exp(scatter * self.rng.standard_normal(80) - scatter**2 / 2)
-        begins = np.append(0.0, np.cumsum(lengths)) - self.rng.random() * lengths[0]
-        turn = 2 * np.pi * np.interp(self.t, begins, np.arange(81.0))
-        shape = np.sin(turn + np.sin(turn) / 2)
-        even = np.linspace(0.0, 2 * np.pi, 1000, endpoint=False)
-        rms = float(np.std(np.sin(even + np.sin(even) / 2)))
+        _, shape = repeating(self.rng, self.t, lengths)
+        rms = float(np.std(swaying(np.linspace(0.0, 2 * np.pi, 1000, endpoint=False))))
         size = self.scale(shape)
         truth, places = {"period": period, "sigma": size * rms}, {"period": 0.15 * period}
         return self.hidden("cycle", truth, size * shape, places=places)

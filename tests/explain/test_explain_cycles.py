@@ -1,4 +1,4 @@
-"""A level that goes through one waveform again and again, in a time that wanders."""
+"""A level that repeats one waveform, in cycles whose length wanders."""
 
 from __future__ import annotations
 

@@ -41,7 +41,9 @@ __all__ = [
     "BELOW",
     "Cycles",
     "SlowPlaces",
+    "cycle_of",
     "first_begins",
+    "level_of",
     "phase_of",
     "settled",
     "slow_excess",
@@ -127,13 +129,22 @@ def phase_of(begins: Array, at: Array) -> Array:
     >>> phase_of(np.array([0.0, 10.0, 30.0]), np.array([-5.0, 5.0, 20.0, 40.0])).tolist()
     [-0.5, 0.5, 1.5, 2.5]
     """
-    cycle = _cycle_of(begins, at)
+    cycle = cycle_of(begins, at)
     return np.asarray(cycle + (at - begins[cycle]) / np.diff(begins)[cycle])
 
 
-def _cycle_of(begins: Array, at: Array) -> NDArray[np.int64]:
+def cycle_of(begins: Array, at: Array) -> NDArray[np.int64]:
     """Return the number of the cycle in which rows are, or to which they are nearest."""
     return np.clip(np.searchsorted(begins, at, side="right") - 1, 0, len(begins) - 2)
+
+
+def level_of(phase: Array, waveform: Array) -> Array:
+    """Return the level at phases in cycles, of cosine and sine of each harmonic."""
+    turn = np.exp(2j * np.pi * phase)
+    level = np.zeros_like(turn)
+    for cosine, sine in waveform.reshape(-1, 2)[::-1]:
+        level = (level + (cosine - 1j * sine)) * turn
+    return np.asarray(level.real)
 
 
 def _waves(phase: Array, count: int) -> Array:
@@ -244,7 +255,7 @@ def _cut(rows: Array, length: float, scatter: float, waveform: Array) -> Array:
     padded, seen = (np.pad(values, beyond) for values in (rows, np.ones(n)))
     cost = np.full((len(padded), len(lengths)), np.inf)
     for i, size in enumerate(lengths.tolist()):
-        shape = waveform @ _waves((np.arange(size) + 0.5) / size, len(waveform) // 2)
+        shape = level_of((np.arange(size) + 0.5) / size, waveform)
         misfit = np.correlate(seen, shape**2, "valid") / 2 - np.correlate(padded, shape, "valid")
         unlikely = (np.log(size / length) / scatter) ** 2 / 2 + np.log(size)
         cost[: len(misfit), i] = misfit + unlikely
@@ -381,7 +392,7 @@ def _changes(at: Array, begins: Array, waves: Array, waveform: Array) -> Array:
     turned = np.empty_like(waves)
     turned[0::2], turned[1::2] = -waves[1::2], waves[0::2]
     slope = 2 * np.pi * (order * waveform) @ turned
-    cycle = _cycle_of(begins, at)
+    cycle = cycle_of(begins, at)
     length = np.diff(begins)[cycle]
     gone = (at - begins[cycle]) / length
     changes, place = np.zeros((len(begins), len(at))), np.arange(len(at))

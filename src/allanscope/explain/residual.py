@@ -28,6 +28,7 @@ the log-likelihood that it gains beside the others.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +48,7 @@ from allanscope.noise.evidence import DensityBands, Evidence, Ordinates
 from allanscope.noise.filters import Remainder
 from allanscope.noise.likelihood import Likelihood
 from allanscope.noise.whiteness import whitened
+from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 __all__ = [
     "Bands",
@@ -54,6 +56,7 @@ __all__ = [
     "error_of",
     "excess_kurtosis",
     "excess_skewness",
+    "quartile_deviation",
     "quiet_innovations",
     "removes",
     "same_ordinates",
@@ -173,6 +176,20 @@ def excess_kurtosis(view: View, stretches: int = 1) -> tuple[float, float]:
     variance = np.maximum(np.mean(squares, axis=1), 1e-300)
     kurtosis = np.mean(squares**2, axis=1) / variance**2 - 3.0
     return float(np.mean(kurtosis)), float(np.sqrt(24 / squares.size))
+
+
+def quartile_deviation(values: Array) -> float:
+    """Return the standard deviation of a Gaussian with the quartiles of some numbers.
+
+    A few that are far from the others leave it as it is.
+
+    Examples
+    --------
+    >>> round(quartile_deviation(np.append(np.random.default_rng(1).standard_normal(9999), 1e9)), 2)
+    1.0
+    """
+    apart = float(np.ptp(np.quantile(values, (0.25, 0.75))))
+    return apart / (2 * math.sqrt(CHI_SQUARE_MEDIAN))
 
 
 def excess_skewness(view: View) -> tuple[float, float]:

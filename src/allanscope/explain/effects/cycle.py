@@ -27,7 +27,9 @@ from allanscope.explain.cycles import (
     BELOW,
     Cycles,
     SlowPlaces,
+    cycle_of,
     first_begins,
+    level_of,
     phase_of,
     settled,
     slow_excess,
@@ -37,7 +39,8 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.unexplained import Unexplained
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, marginal_covariance
+from allanscope.explain.regression import Regression, joint_fit, marginal_covariance
+from allanscope.explain.residual import quartile_deviation
 from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 from allanscope.noise.components import Component, IrregularCycles
@@ -58,10 +61,10 @@ _LONGER = (1, 2, 3)
 """Times as long as a cycle: where such a frequency is left out of the fit, its own may be."""
 _MULTIPLES = (1.0, 0.5)
 """Of the frequency with most power: the waveform may have most at twice its own."""
-_UNEVEN, _QUARTILES = 0.3, 1.349
+_UNEVEN = 0.3
 """Scatter of the amplitude over the cycles, relative to it, from which they are noise: of noise in
-a band it is 0.57 (Rayleigh's), of measured temperatures 0.05 to 0.2. It is that of the quartiles,
-which are so many deviations apart: a few cycles that are none leave them where they are."""
+a band it is 0.57 (Rayleigh's), of measured temperatures 0.05 to 0.2. It is that of the quartiles: a
+few cycles that are none leave them where they are."""
 _MAIN = 0.7
 """Power of the first harmonic over that of the loudest, at the least."""
 _REMNANT, _NEAR = 0.2, 0.15
@@ -231,7 +234,7 @@ class Cycle(EffectKind):
             covariance = marginal_covariance(noise, bare.columns(view), cycles.fit)
             done = bare.solved(view, candidate, cycles.fit.amplitude, covariance).finished()
             assert isinstance(done.effect, cls)
-            sizes, by_noise = bare._sizes(noise)
+            sizes, by_noise = bare._sizes(noise, cycles.fit)
             uneven = float(np.sqrt(max(float(np.var(sizes)) - by_noise, 0.0)))
             return replace(done.effect, unevenness=uneven), done.signal
 
@@ -244,7 +247,7 @@ class Cycle(EffectKind):
     def _cycle(self, view: View) -> NDArray[np.int64]:
         """Return the number of the cycle in which each of as many places is as `in_time` has."""
         places = SlowPlaces(view, view.grid.low + 1)
-        return np.floor(np.maximum(phase_of(self._rows(view), places.at), 0.0)).astype(np.int64)
+        return cycle_of(self._rows(view), places.at)
 
     def columns(self, view: View) -> Array:
         """Return the ordinates of the harmonics."""
@@ -254,7 +257,7 @@ class Cycle(EffectKind):
     def signal(self, view: View) -> Array:
         """Return the level."""
         phase = phase_of(self._rows(view), np.arange(view.grid.n, dtype=np.float64))
-        return _level(phase, np.array(self.waveform))
+        return level_of(phase, np.array(self.waveform))
 
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
@@ -263,7 +266,7 @@ class Cycle(EffectKind):
         noise = float(np.trace(covariance)) / 2
         power = max(float(amplitude @ amplitude) / 2 - noise, 0.0)
         error = np.sqrt(amplitude @ covariance @ amplitude) / max(2 * power, 1e-300)
-        level = _level(np.arange(_WAVEFORM) / _WAVEFORM, amplitude)
+        level = level_of(np.arange(_WAVEFORM) / _WAVEFORM, amplitude)
         found = replace(
             self,
             sigma=Estimate.of_log(max(float(np.sqrt(power)), 1e-300), float(error), view.unit),
@@ -281,14 +284,14 @@ class Cycle(EffectKind):
         """
         powers = _powers(self.waveform)
         noise = view.with_parts(*candidate.parts)
-        sizes, by_noise = self._sizes(noise)
-        scatter = float(np.ptp(np.quantile(sizes, (0.25, 0.75)))) / _QUARTILES
+        fit = joint_fit(noise, self.columns(view))
+        sizes, by_noise = self._sizes(noise, fit)
+        scatter = quartile_deviation(sizes)
         if powers[0] < _MAIN * powers.max() or scatter**2 - by_noise > _UNEVEN**2:
             return None
-        gain = joint_fit(noise, self.columns(view)).gain
         steady = joint_fit(noise, self._steady().columns(view)).gain
         least = max(candidate.log_alternatives, self.price_of_instants + steady)
-        return candidate if gain > least else None
+        return candidate if fit.gain > least else None
 
     def _steady(self) -> Self:
         """Return it with cycles of one length."""
@@ -308,13 +311,13 @@ class Cycle(EffectKind):
         low, high = ((1 - _NEAR) * reach[0], (1 + _NEAR) * reach[1])
         return "left of the cycles" if any(low < f < high for f in self.wave_hz) else ""
 
-    def _sizes(self, noise: View) -> tuple[Array, float]:
+    def _sizes(self, noise: View, fit: Regression) -> tuple[Array, float]:
         """Return the amplitude of every cycle over the usual one, and its variance by noise.
 
         `noise` has what is irregular as the last component: that does not count as noise.
         """
         columns, m = self.columns(noise), noise.grid.low
-        spectrum, f = joint_fit(noise, columns).spectrum, noise.grid.frequency[:m]
+        spectrum, f = fit.spectrum, noise.grid.frequency[:m]
         level = np.array(self.waveform) @ columns
         highest = (len(self.waveform) // 2 + 1) / self.period.value
         inside = spectrum.kept[:m] & (f > BELOW / self.period.value) & (f < highest)
@@ -375,12 +378,3 @@ def _reach(effect: EffectKind) -> tuple[float, float] | None:
         centre, half = effect.frequency.value, effect.bandwidth.value / 2
         return centre - half, centre + half
     return (min(effect.wave_hz), max(effect.wave_hz)) if effect.wave_hz else None
-
-
-def _level(phase: Array, waveform: Array) -> Array:
-    """Return the level at phases in cycles."""
-    turn = np.exp(2j * np.pi * phase)
-    level = np.zeros_like(turn)
-    for cosine, sine in waveform.reshape(-1, 2)[::-1]:
-        level = (level + (cosine - 1j * sine)) * turn
-    return np.asarray(level.real)

@@ -30,6 +30,7 @@ from allanscope.explain.residual import (
     band_scores,
     excess_kurtosis,
     excess_skewness,
+    quartile_deviation,
     quiet_innovations,
     removes,
 )
@@ -654,16 +655,11 @@ def _tails(view: View) -> list[Candidate]:
     elif abs(kurtosis) < _SLIGHT_KURTOSIS:
         return []
     elif kurtosis > 0:
-        figures["core_ratio"] = core = _core_ratio(white)
+        # Of a Gaussian with the same quartiles, relative to that of all values.
+        figures["core_ratio"] = core = quartile_deviation(white) / float(np.std(white))
         if core < _CORE:
             words += f": its core has {core:.2g} times the noise"
     return [_distribution(view, gain, words, **figures)]
-
-
-def _core_ratio(white: Array) -> float:
-    """Return the deviation of a Gaussian with these quartiles, relative to that of all values."""
-    quartiles = np.quantile(white, (0.25, 0.75))
-    return float(np.ptp(quartiles) / (2 * math.sqrt(CHI_SQUARE_MEDIAN) * np.std(white)))
 
 
 def _tails_beside(level: VarianceChange, view: View) -> list[Candidate]:

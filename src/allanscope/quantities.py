@@ -53,6 +53,7 @@ __all__ = [
     "rate",
     "rough",
     "size",
+    "student_widening",
     "symbols",
 ]
 
@@ -375,6 +376,17 @@ def periods(low: float, high: float | None = None) -> str:
     if low <= 0.0:
         return f" (periods of {duration(1 / high)} and more)"
     return f" (periods of {duration(1 / high)} to {duration(1 / low)})"
+
+
+def student_widening(freedom: float) -> float:
+    """Return how much wider a 95 % interval is whose error is known from few numbers.
+
+    >>> round(student_widening(9), 3), round(student_widening(1e6), 3)
+    (1.154, 1.0)
+    """
+    from scipy.special import stdtrit  # for those few that ask
+
+    return float(stdtrit(freedom, 0.975)) / TWO_SIDED_95
 
 
 def moment(seconds: float, length: float) -> str:

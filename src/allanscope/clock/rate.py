@@ -15,10 +15,9 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from allanscope.median import median, medians
-from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95
+from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95, student_widening
 
 __all__ = ["ClockError", "LineFit", "RateFit", "fit_line", "rate_of_line"]
 
@@ -337,8 +336,7 @@ def _slope_sigma(
     cosines = [_centred(np.cos(np.pi * order * place), stretch, every) for order in orders]
     basis, _ = np.linalg.qr(np.column_stack([*known, *cosines]))
     along = basis[:, len(known) :].T @ residual
-    widening = float(stdtrit(ordinates, 0.975)) / TWO_SIDED_95
-    return widening * float(np.sqrt(along @ along / ordinates / (shape @ shape)))
+    return student_widening(ordinates) * float(np.sqrt(along @ along / ordinates / (shape @ shape)))
 
 
 def _room_to_creep(

@@ -20,7 +20,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.cycles import (
@@ -45,7 +44,7 @@ from allanscope.explain.series import in_time
 from allanscope.explain.view import View
 from allanscope.noise.components import Component, IrregularCycles
 from allanscope.noise.selection import calibrated_penalty
-from allanscope.quantities import TWO_SIDED_95, duration, measured
+from allanscope.quantities import duration, measured, student_widening
 
 Array = NDArray[np.float64]
 
@@ -79,8 +78,6 @@ differs by from the waveform."""
 _TOGETHER = 0.6
 """Mean vector of the phases at which the cycles of another axis begin, 1 where all are the same: by
 chance it is one over the root of their number."""
-_TAIL = 0.025
-"""Probability on each side of an interval."""
 _WAVEFORM = 256
 """Places of a waveform from which its highest and its lowest are taken."""
 
@@ -211,9 +208,7 @@ class Cycle(EffectKind):
         mean = float(lengths.mean())
         ends = float(np.hypot(cycles.errors[1], cycles.errors[-2])) / rate
         # Lengths scatter, by how much is known from these few (Student's distribution).
-        freedom = len(lengths) - 1
-        student = float(stdtrit(freedom, 1 - _TAIL)) / TWO_SIDED_95
-        scatter = student * lengths.std(ddof=1) / np.sqrt(len(lengths))
+        scatter = student_widening(len(lengths) - 1) * lengths.std(ddof=1) / np.sqrt(len(lengths))
         error = np.hypot(scatter, ends / len(lengths))
         bare = cls(
             Estimate.of(mean, float(error), "s"),

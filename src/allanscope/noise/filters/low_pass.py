@@ -31,6 +31,7 @@ _ORDER = Quantity("order", "", "shape", 0.1, 20.0)
 """Ranges of cutoff and order: those of any sensor."""
 _ALIASES = np.arange(-8, 9)
 """Multiples of the rate from which an average leaves something in the band."""
+_TINY = float(np.finfo(np.float64).tiny)
 _DARKEST = 1e-5
 """Least response at a zero: the ends of a record leak into it."""
 _TOP = 0.499
@@ -111,11 +112,14 @@ class Averaging(LowPass):
         """
         angle = np.pi * self.span_s * np.append(np.asarray(f, np.float64), 0.0)
         own_sine, own_cosine, folded = np.sin(angle), np.cos(angle), np.zeros_like(angle)
+        own_sine[angle == 0.0] = angle[angle == 0.0] = _TINY  # whose ratio is 1
+        sine, other = np.empty_like(angle), np.empty_like(angle)
         for turn in (np.pi * self.span_s / dt * _ALIASES).tolist():  # all at once would not be near
-            at = angle + turn
-            sine = own_sine * np.cos(turn) + own_cosine * np.sin(turn)
-            passed = np.divide(sine, at, out=np.ones_like(at), where=at != 0.0)
-            folded += (passed * passed) ** self.order
+            np.multiply(own_sine, np.cos(turn), out=sine)
+            sine += np.multiply(own_cosine, np.sin(turn), out=other)
+            sine /= np.add(angle, turn, out=other)
+            sine *= sine
+            folded += np.power(sine, self.order, out=sine)
         return np.asarray(folded[:-1] / folded[-1])
 
 

@@ -18,6 +18,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects import (
     amplitude_coupling,
+    band_limit,
     cross_coupling,
     drifting_line,
     excursion,
@@ -485,6 +486,21 @@ def test_the_bandwidth_of_a_drifting_line_is_known_as_the_record_resolves_it():
             ranks.append(rank(found.effect.bandwidth, high - low))
     assert len(ranks) > 100
     assert_apt(ranks)
+
+
+def test_a_faint_low_pass_of_another_family_holds_the_cutoff_of_the_true_one():
+    """Of one pole, a filter without aliases is as likely whose cutoff is half as high again."""
+    rng, n, held = np.random.default_rng(33), 3120, []
+    for _ in range(60):
+        cutoff = RATE * rng.uniform(0.3, 0.4)
+        keep = np.exp(-2 * np.pi * cutoff / RATE)
+        rows = lfilter([1 - keep], [1.0, -keep], rng.standard_normal(n))
+        for found in band_limit.BandLimit.propose(view_of(rows)):
+            known = found.effect.cutoff
+            if found.effect.response != "OnePole":
+                held.append(known.lower < cutoff < known.upper)
+    assert len(held) >= 5
+    assert all(held)
 
 
 def test_the_corner_of_a_high_pass_has_the_interval_of_its_likelihood():

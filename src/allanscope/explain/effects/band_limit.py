@@ -39,7 +39,7 @@ from allanscope.noise.filters import (
 )
 from allanscope.noise.selection import LOW_PASS_PENALTY
 from allanscope.optimise import minimise
-from allanscope.quantities import TWO_SIDED_95
+from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,8 @@ _ORDERS = (1.0, 12.0)
 far below the cutoff, and raise N in return."""
 _SHAPELY = 300.0
 """Gain in nats from which an average can be told from the others."""
+_AS_LIKELY = CHI_SQUARE_95 / 2
+"""Nats by which a filter of another family may be behind to be as good an answer."""
 _BEHIND = 30.0
 """Nats by which a rough fit of a filter may be behind that of another to be followed."""
 _AS_WELL = 3.0
@@ -219,10 +221,11 @@ def _starts(view: View) -> list[float]:
 
 def _best(view: View, cutoffs: list[float], floor: bool = True) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
-    loss, found = _fitted(view, _FAMILIES, cutoffs)
+    families = _fitted(view, _FAMILIES, cutoffs)
+    loss, found = families[0]
     gain = -loss - view.spectrum.loglik
     if gain > _SHAPELY:
-        other, averaging = _fitted(view, (_AVERAGING,), [found.cutoff], loss)
+        other, averaging = _fitted(view, (_AVERAGING,), [found.cutoff], loss)[0]
         loss, found = min((loss, found), (other, averaging), key=lambda one: one[0])
     if gain > _RIPPLED:
         other, averaging = _over_rows(view, min(found.cutoff, _TOP * view.grid.rate_hz))
@@ -231,7 +234,8 @@ def _best(view: View, cutoffs: list[float], floor: bool = True) -> Candidate:
             loss, found = other, averaging
     if gain > _SHAPELY and floor and (floored := _with_floor(view, found.cutoff, loss)):
         return floored
-    return _candidate(view, found)
+    others = (one for lost, one in families if one is not found and lost < loss + _AS_LIKELY)
+    return _candidate(view, found, *others)
 
 
 def _with_floor(view: View, cutoff: float, loss: float) -> Candidate | None:
@@ -241,7 +245,7 @@ def _with_floor(view: View, cutoff: float, loss: float) -> Candidate | None:
     leaves nothing empty between them.
     """
     beside = view.with_parts(Floor(1.0))
-    other, found = _fitted(beside, _FAMILIES, [cutoff, cutoff / 2])
+    other, found = _fitted(beside, _FAMILIES, [cutoff, cutoff / 2])[0]
     more, alone = loss - other, -loss - view.spectrum.loglik
     one_pole = isinstance(found, OnePole) or found.values[1] < _POLES
     if more < _FLOOR_GAINS or (one_pole and more > _FAINT * alone):
@@ -287,8 +291,8 @@ def _over_rows(view: View, cutoff: float) -> tuple[float, LowPass]:
 
 def _fitted(
     view: View, families: Sequence[_Family], cutoffs: list[float], least: float = np.inf
-) -> tuple[float, LowPass]:
-    """Return the likeliest of some families, and what it loses; an order that is free costs a nat.
+) -> list[tuple[float, LowPass]]:
+    """Return what the filters of some families lose, likeliest first; a free order costs a nat.
 
     What is far from its penalty, or from another (or from `least`), is not followed to the last
     digit.
@@ -307,15 +311,19 @@ def _fitted(
     for family, rough, exact in trials:
         found = exact() if rough.value < most else rough
         fitted.append((found.value + (family.order is not None), family.at(found.x)))
-    return min(fitted, key=lambda one: one[0])
+    return sorted(fitted, key=lambda one: one[0])
 
 
-def _candidate(view: View, low_pass: LowPass) -> Candidate:
-    cutoff, *order = low_pass.values or (low_pass.cutoff,)
-    factor = float(np.exp(TWO_SIDED_95 * _error(view, low_pass)))
+def _candidate(view: View, low_pass: LowPass, *as_likely: LowPass) -> Candidate:
+    """Return a low-pass; where others are as likely, its cutoff may be that of each."""
+    order = low_pass.values[1] if len(low_pass.values) > 1 else 1.0
+    ends = [
+        np.log(one.cutoff) + TWO_SIDED_95 * _error(view, one) * np.array([-1.0, 1.0])
+        for one in (low_pass, *as_likely)
+    ]
     effect = BandLimit(
-        Estimate(cutoff, cutoff / factor, cutoff * factor, "Hz"),
-        order[0] if order else 1.0,
+        Estimate(low_pass.cutoff, float(np.exp(np.min(ends))), float(np.exp(np.max(ends))), "Hz"),
+        order,
         type(low_pass).__name__,
         low_pass.rows if isinstance(low_pass, MovingAverage) else None,
     )

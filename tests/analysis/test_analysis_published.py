@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -152,6 +153,30 @@ def test_n_beside_a_resonance_whose_form_is_not_known_has_an_interval_that_holds
         found = total_white(fit_noise(record, "gx", known=known))
         held.append(found.lower < np.hypot(4e-3, 0.3 * 4e-3) < found.upper)
     assert 0.88 < np.mean(held) <= 1.0
+
+
+@pytest.mark.parametrize("nothing", ["climb", "other_forms"])
+def test_a_form_of_a_resonance_that_leaves_no_white_noise_does_not_tell_n(monkeypatch, nothing):
+    rng = np.random.default_rng(31)
+    values, radius = white(rng, 4e-3), np.exp(-np.pi * 3 / RATE)
+    poles = [1, -2 * radius * np.cos(2 * np.pi * 12.0 / RATE), radius**2]
+    record = one_axis(values + lfilter([0.3 * sum(poles)], poles, white(rng, 4e-3)))
+    fit = fit_noise(record, "gx", known=Known((Narrowband(1.0, 12.0, 3.0),)))
+    module = import_module("allanscope.analysis.coefficients")
+    usual, way = total_white(fit), getattr(module, nothing)
+
+    def dark(one):
+        dim = [c.with_power(0.0) if c.symbol in "NB" or c.band else c for c in one.model]
+        return replace(one, model=replace(one.model, components=tuple(dim)))
+
+    def without(*given):
+        found = way(*given)
+        return dark(found) if nothing == "climb" else map(dark, found)
+
+    monkeypatch.setattr(module, nothing, without)
+    found = total_white(fit)
+    assert found.value == pytest.approx(usual.value, rel=0.01)
+    assert 0 < found.lower < found.value < found.upper
 
 
 def test_two_resonances_on_a_table_leave_n_and_no_power_law():

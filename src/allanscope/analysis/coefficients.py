@@ -279,6 +279,10 @@ def _by_form(fit: Fit, held: float) -> tuple[float, float]:
         fits = [first, *other_forms(first, i, shapes, _WITHIN)]
         nats = np.array([one.loglik - first.loglik for one in fits])
         power = np.array([_flat_power(one.model, held) for one in fits])
+        if power[0] == 0.0:
+            continue
+        # A form that leaves nothing white does not say how large N is.
+        nats, power = nats[power > 0], power[power > 0]
         weight = np.exp(nats - nats.max())
         weight /= weight.sum()
         moved = np.log(power / power[0]) / 2

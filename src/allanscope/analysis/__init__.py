@@ -20,7 +20,7 @@ result for all who show it: terminal, viewer, report and JSON.
 ``coefficients`` ``readings`` ``undisturbed``    N, B, K: of the model, read off curves, where quiet
 ``curve_limits``                                 B and K that the measured curve refutes
 ``datasheet`` ``comparison``                     against the datasheet, and an earlier session
-``findings`` ``line_families``                   effects of all axes that are one disturbance
+``findings`` ``line_families`` ``combs``         effects of all axes that are one disturbance
 ``tracing``                                      where each finding comes from, by the next three
 ``line_origin`` ``direction`` ``coherence``      source of a line, direction, what axes share
 ``experiments``                                  which measurement would settle what is open

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from allanscope.analysis.findings import UNEXPLAINED, Finding, event_times
+from allanscope.analysis.findings import UNEXPLAINED, Comb, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.labels import kind_name
 from allanscope.quantities import (
@@ -101,6 +101,8 @@ def finding_phrase(finding: Finding) -> str:
     """
     effects = [one.effect for one in finding.members]
     lead = effects[0]
+    if finding.comb is not None:
+        return _comb(finding.comb, [one for one in effects if one.kind == lead.kind])
     kinds = Counter(effect.traits for effect in effects)
     events = {kind: times for kind, times in kinds.items() if kind.motion}
     is_repeated = lead.traits.motion and len(effects) > len(finding.axes)
@@ -133,6 +135,22 @@ def with_article(kind: type[EffectKind]) -> str:
     if not (kind.is_counted or kind.motion):
         return name
     return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
+
+
+def _comb(comb: Comb, effects: Sequence[Effect]) -> str:
+    """Return which multiples of what the lines are, and how large.
+
+    >>> lines = [Effect("sinusoid", {"amplitude": Parameter(one, one, one, "dps")})
+    ...          for one in (0.02, 0.003)]
+    >>> _comb(Comb(0.09690, (14, 15, 18, 30)), lines)
+    'lines at 14, 15, 18 and 30 times 0.0969 Hz (every 10.3 s), 3.0 to 20 mdps'
+    """
+    base = number(comb.fundamental_hz, 3)
+    period = number(1 / comb.fundamental_hz, 3)
+    name = effects[0].traits.sized_by
+    size = f"{_filled(name, effects)}{' rms' * (name == 'sigma')}"
+    orders = _listed([str(one) for one in comb.orders])
+    return f"lines at {orders} times {base} Hz (every {period} s), {size}"
 
 
 def _mixed(mixed: Sequence[str]) -> list[str]:

@@ -9,6 +9,7 @@ of one cause. Two effects are one finding where they
 - are lines of which one is a harmonic of the other, or sits in the other's band;
 - are lines of which one is made of the other, or of two: a harmonic beyond the Nyquist frequency,
   seen folded about the sample clock, a sideband, a sum, an image (`line_families`);
+- are four or more lines at multiples of a frequency at which nothing is seen (`combs`);
 - are narrow bands on two axes that overlap, or a line and a narrow band without a name about it;
 - begin or end at one time: a step, an excursion and a burst.
 
@@ -21,8 +22,11 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from allanscope.analysis.combs import fundamental_of
 from allanscope.analysis.line_families import Line, relations_of
 from allanscope.explain import Effect, Parameter
 
@@ -31,7 +35,7 @@ if TYPE_CHECKING:
     from allanscope.analysis.direction import Motion
     from allanscope.analysis.line_origin import LineOrigin
 
-__all__ = ["UNEXPLAINED", "Finding", "Member", "event_times", "findings_of", "line_of"]
+__all__ = ["UNEXPLAINED", "Comb", "Finding", "Member", "event_times", "findings_of", "line_of"]
 
 UNEXPLAINED = "unexplained"
 """Kind of what was measured and located, and has no name."""
@@ -47,6 +51,8 @@ _HIGHEST = 40
 """Highest order of a harmonic."""
 _BY_CHANCE = 0.02
 """Largest uncertainty of an order; beyond, any line would be a harmonic of any other."""
+_OFF = 0.1
+"""How far an order of a comb may be from a whole number, as a line of a family may."""
 _NARROW = 0.1
 """Relative width up to which a range of frequencies is taken for one line."""
 _TIMES = 2.0
@@ -54,6 +60,21 @@ _TIMES = 2.0
 times of 8 s and of 80 s, from a dozen hops, are those of two signals."""
 _AT_ONCE_S = 1.0
 """Time within which events are one: a knock and what it leaves behind."""
+
+
+class Comb(NamedTuple):
+    """Lines at multiples of one frequency at which nothing is seen.
+
+    Attributes
+    ----------
+    fundamental_hz : float
+        The largest of which all are multiples.
+    orders : tuple of int
+        Ascending.
+    """
+
+    fundamental_hz: float
+    orders: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +111,8 @@ class Finding:
     mixed : tuple of str
         What the other lines are of the fundamental f and the sample rate fs: ``f + 1.2 Hz``,
         ``fs/2 - f``; or the frequency of a line that f is mixed with.
+    comb : Comb or None
+        The frequency at which nothing is seen, of which all its lines are multiples.
     origin : LineOrigin or None
         Where a line comes from; None of what is no line, and while a run goes on.
     motion : Motion or None
@@ -106,6 +129,7 @@ class Finding:
     share: float = math.nan
     folded: tuple[int, ...] = ()
     mixed: tuple[str, ...] = ()
+    comb: Comb | None = None
     origin: LineOrigin | None = None
     motion: Motion | None = None
     leak: Leak | None = None
@@ -146,6 +170,7 @@ def findings_of(
         for one in dict.fromkeys(group)
     ]
     found = _with_families(whole, list(effects), excess, rate_hz) if rate_hz else whole
+    found = _with_combs(found, list(effects), excess)
     return tuple(sorted(found, key=_order))
 
 
@@ -176,6 +201,50 @@ def _with_families(
             mixed=(*base.mixed, one.words) if one.words else base.mixed,
         )
     return list(joined.values())
+
+
+def _with_combs(
+    found: list[Finding], axes: list[str], excess: Mapping[str, float]
+) -> list[Finding]:
+    """Join lines that are multiples of one frequency to the one of them that gained most."""
+    kinds = ("sinusoid", "drifting_line")
+    lines = [at for at, one in enumerate(found) if one.kind in kinds and one.comb is None]
+    value, error = np.array([_surest(found[at]) for at in lines]).reshape(-1, 2).T
+    seen = fundamental_of(value, error)
+    if seen is None:
+        return found
+    base, places = seen
+    parts = sorted((found[lines[at]] for at in places), key=lambda one: -one.gain_nats)
+    members = [member for one in parts for member in one.members]
+    seen_on = {member.axis for member in members}
+    lines_hz = [known[0] for one in members if (known := line_of(one.effect)) is not None]
+    orders = {round(one / base): abs(one / base - round(one / base)) for one in lines_hz}
+    whole = replace(
+        parts[0],
+        axes=tuple(axis for axis in axes if axis in seen_on),
+        members=tuple(members),
+        gain_nats=sum(one.gain_nats for one in parts),
+        harmonics=(),
+        share=_share(members, excess),
+        folded=(),
+        mixed=(),
+        comb=Comb(base, tuple(sorted(one for one, off in orders.items() if off < _OFF))),
+    )
+    others = [one for one in found if all(one is not part for part in parts)]
+    return _with_combs([*others, whole], axes, excess)
+
+
+def _surest(lines: Finding) -> tuple[float, float]:
+    """Return the frequency of a finding and how far it may be off, from what knows it best."""
+    base = _value(lines.members[0].effect, "frequency")
+    known = []
+    for member in lines.members:
+        value, lower, upper, width = line_of(member.effect) or (0.0, 0.0, 0.0, 0.0)
+        order, room = max(1, round(value / base)), (_WIDER * (upper - lower) + width) / 2
+        if abs(value - order * base) <= _BY_CHANCE * base:
+            known.append((room / order, value / order))
+    error, value = min(known)
+    return value, error
 
 
 def _order(finding: Finding) -> tuple[bool, float, float]:

@@ -567,6 +567,7 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
         "harmonics": list(finding.harmonics),
         "folded": list(finding.folded),
         "mixed": list(finding.mixed),
+        "comb": finding.comb._asdict() if finding.comb else None,
         "effects": [{"axis": one.axis, "index": one.index} for one in finding.members],
         "origin": asdict(finding.origin) if finding.origin else None,
         "motion": asdict(finding.motion) if finding.motion else None,

@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 
 from allanscope import analyse
 from allanscope.analysis.disagreement import disagreement
-from allanscope.analysis.result import Reading
+from allanscope.analysis.result import ModelCurve, Reading
+from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
 from allanscope.noise.whiteness import Bands
 
@@ -113,3 +114,22 @@ def test_white_noise_of_any_length_has_nothing_said():
         axes = {axis: white(rng, int(length_s * RATE)) for axis in ("gx", "gy", "gz")}
         for axis in analyse(axes, RATE).axes.values():
             assert not said(axis), (length_s, axis.remarks)
+
+
+@pytest.mark.parametrize(
+    ("read", "cause"),
+    [(1.5 * N, "Gauss-Markov noise with a correlation time of 0.200 s"), (0.8 * N, "outliers")],
+)
+def test_the_cause_of_power_in_a_density_is_what_adds_most_there(read, cause):
+    """0.1 to 0.8 Hz is read; what holds most of the excess adds nothing there, nor what is less."""
+    tau = np.geomspace(0.01, 100.0, 50)
+    slow, none = 1.1 * N / np.sqrt(tau), np.zeros(50)
+    model = ModelCurve(tau, N / np.sqrt(tau), {"gauss_markov": slow, "outliers": none})
+    time = Parameter(0.2, 0.19, 0.21, "s")
+    effects = [
+        Effect("gauss_markov", {"correlation_time": time}, share=0.1),
+        Effect("outliers", {"count": Parameter(90.0)}, share=0.5),
+    ]
+    found = {"N": Reading(read, 0.99 * read, 1.01 * read, "", band_hz=(0.1, 0.8))}
+    line = disagreement("dps", known(), found, effects, model=model)
+    assert line.endswith(f"from the fit; cause: {cause}")

@@ -116,7 +116,8 @@ def _contradicted(
         if _is_near(one, reading.band_hz)
         and not (one.traits.is_coupling and _is_coupled_little(known))
     )
-    cause = _largest(name, reading, near, model) or _cause(name, reading.value > known.value, near)
+    more = reading.value > known.value
+    cause = _largest(name, reading, near, model, more=more) or _cause(name, near, more=more)
     cause = "the step of the values" if rounded else cause
     usual = COEFFICIENTS[unit, letter][0]
     fitted = number(known.value * usual.factor) if known.detected else usual.limit(known.upper)
@@ -220,17 +221,27 @@ def _overlap(low: float, high: float, other_low: float, other_high: float) -> bo
 
 
 def _largest(
-    name: str, reading: Reading, effects: tuple[Effect, ...], model: ModelCurve | None
+    name: str,
+    reading: Reading,
+    effects: tuple[Effect, ...],
+    model: ModelCurve | None,
+    *,
+    more: bool,
 ) -> str:
     """Return the effect that adds most to a curve where it was read; empty where none adds much.
 
+    To a density nothing is added where it is lower than the coefficient (not `more`).
+
     What stands beside a filter is the white noise behind it, which is N and not its cause.
     """
-    if model is None or reading.tau_s is None:
+    tau = reading.tau_s
+    if more and reading.band_hz is not None:  # where the deviation is what is in the band
+        tau = 0.5 / math.sqrt(math.prod(reading.band_hz))
+    if model is None or tau is None or not model.x[0] <= tau <= model.x[-1]:
         return ""
-    read = reading.value * math.sqrt(_SHAPES[name[0]](reading.tau_s))
+    read = reading.value * math.sqrt(_SHAPES[name[0]](tau))
     added = {
-        effect.kind: float(np.interp(reading.tau_s, model.x, model.components[effect.kind]))
+        effect.kind: float(np.interp(tau, model.x, model.components[effect.kind]))
         for effect in effects
         if effect.kind in model.components and "cutoff" not in effect.parameters
     }
@@ -241,7 +252,7 @@ def _largest(
     return _phrase(max(same, key=_held))
 
 
-def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
+def _cause(name: str, effects: tuple[Effect, ...], *, more: bool) -> str:
     """Return what explains the difference; `more` where the reading is above the coefficient.
 
     That is the effect of the largest share among those that act at the averaging times of the

@@ -15,7 +15,7 @@ SIGMA = 4e-3 * 52.0**0.5
 
 def found_with(b, at, sizes):
     column = b.noise()
-    column[at] += np.array(sizes) * SIGMA
+    column[at] = column.mean() + np.array(sizes) * SIGMA
     return explain(b.record(column, lsb=SIGMA / 50)).axes["gx"]
 
 
@@ -35,6 +35,17 @@ def test_a_small_bad_sample_beside_a_large_one_is_found_as_well(bench):
     (effect,) = found_with(b, [1000, 1012, 1017], [500.0, -30.0, 30.0]).effects
     assert effect.kind == "outliers"
     assert effect.parameters["count"].value == 3
+
+
+def test_a_spike_on_three_rows_and_others_of_every_size_are_outliers(bench):
+    """A pulse behind a low-pass, and two more: each is 2 to 5 times as far out as the next."""
+    b = bench(573, 60.0)
+    at = [160, 164, 165, 166, 167, 168, 172, 500, 723, 1844, 2500]
+    sizes = [-3.3, -5.0, -460.0, -54.0, -87.0, -7.0, -3.3, 4.8, 6.5, -14.0, -4.8]
+    found = found_with(b, at, sizes)
+    (effect,) = (one for one in found.effects if one.kind == "outliers")
+    assert effect.parameters["count"].value >= 3
+    assert found.coefficients_after["N"].value == pytest.approx(4e-3, rel=0.05)
 
 
 def view_of(samples, step=0.0):

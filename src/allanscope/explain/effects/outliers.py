@@ -56,6 +56,11 @@ _COARSE = 0.6
 _BESIDE, _QUIET, _MOSTLY = 8, 3.0, 0.8
 """Rows on each side of a sample that stands alone, their mean square at the most, and the share of
 all samples beyond the limit that stands alone: others are bursts of noise."""
+_FAR, _LARGEST = 20.0, 64
+"""Deviations from which outliers are looked at by their size, and most of them: what is not as far
+out may be of tails that a core tells too little of, and does little to N."""
+_SPIKE = 3
+"""Most rows on which a filter leaves one spike, beside what it leaves before and after them."""
 _RARELY = 0.1
 """Of what rounding scatters: noise that hardly ever leaves its code."""
 _NEARLY = 0.9
@@ -156,7 +161,7 @@ def _apart_from_tails(sizes: Array, at: NDArray[np.int64], rounding: float) -> N
 
 
 def _beyond_the_core(z: Array, at: NDArray[np.int64], limit: float) -> NDArray[np.int64]:
-    """Return the samples if they stand alone and are too many for tails that fit the core.
+    """Return the samples that stand alone and are too many, or too large, for tails of the core.
 
     Parameters
     ----------
@@ -169,18 +174,32 @@ def _beyond_the_core(z: Array, at: NDArray[np.int64], limit: float) -> NDArray[n
     """
     squares = np.minimum(z**2, limit**2)
     squares[at] = 1.0
-    width = 2 * _BESIDE + 1
-    alone = int(np.count_nonzero(uniform_filter1d(squares, width)[at] < _QUIET))
+    for group in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+        if 1 < len(group) <= _SPIKE:
+            beside = np.clip([group[0] - 1, group[-1] + 1], 0, len(z) - 1)
+            squares[beside] = np.minimum(squares[beside], 1.0)
+    alone = at[uniform_filter1d(squares, 2 * _BESIDE + 1)[at] < _QUIET]
+    if len(alone) <= _MOSTLY * len(at):
+        return at[:0]
     edges = np.linspace(0.0, _BULK, _BINS + 1)
     counts = np.histogram(np.abs(z), edges)[0]
-    freedom, scale = 1 / _TAILS[:, np.newaxis, np.newaxis], _SCALES[:, np.newaxis]
-    chance = np.diff(2 * stdtr(freedom, edges / scale) - 1, axis=2)
+    freedom, scale = np.broadcast_arrays(1 / _TAILS[:, np.newaxis], _SCALES)
+    chance = np.diff(2 * stdtr(freedom[..., np.newaxis], edges / scale[..., np.newaxis]), axis=2)
     within = chance.sum(axis=2)
     loglik = np.log(chance / within[:, :, np.newaxis]) @ counts
-    beyond = 2 * stdtr(freedom[:, :, 0], -limit / scale[:, 0]) / within * counts.sum()
-    expected = _TIMES * float(beyond[loglik > loglik.max() - _WITHIN_NATS].max())
-    is_more = alone > _MOSTLY * len(at) and pdtrc(alone - 1, expected) < ALPHA
-    return at if is_more else at[:0]
+    tails = loglik > loglik.max() - _WITHIN_NATS
+    # Of the largest, the two largest, and so on, where they are far out, and of all.
+    sizes = np.sort(np.abs(z[alone]))[::-1]
+    far = min(int(np.count_nonzero(sizes > _FAR)), _LARGEST)
+    number = np.append(np.arange(1, far + 1), len(alone))
+    size = np.append(sizes[:far] - _COARSE, limit)
+    beyond = 2 * stdtr(freedom[tails, np.newaxis], -size / scale[tails, np.newaxis])
+    expected = (beyond / within[tails, np.newaxis]).max(axis=0) * (_TIMES * counts.sum())
+    are_more = np.flatnonzero(pdtrc(number - 1, expected) < ALPHA)
+    if len(are_more) == 0:
+        return at[:0]
+    last = are_more[-1]
+    return at if last == len(number) - 1 else at[np.abs(z[at]) >= sizes[number[last] - 1]]
 
 
 def _on_their_own(

@@ -186,8 +186,8 @@ def test_a_step_is_one_signed_vector():
     assert motion_of_step(values, times, AXES[:3], 30.0) is None
 
 
-def burst(gyro, accel, seed=0, hz=15.0, grows=1.0):
-    """Return the motion of a knock of 2 s that rings, in dps and g rms, beside gravity along z."""
+def burst_rows(gyro, accel, seed=0, hz=15.0, grows=1.0):
+    """Return rows and times of a knock of 2 s that rings, in dps and g rms, beside gravity."""
     rng = np.random.default_rng(seed)
     times = np.arange(6_000) / RATE
     inside = (times > 30.0) & (times < 32.0)
@@ -195,8 +195,12 @@ def burst(gyro, accel, seed=0, hz=15.0, grows=1.0):
     wave = rings / np.sqrt(np.mean(rings[inside] ** 2))
     noise = rng.normal(size=(len(times), 6)) * np.array([0.03] * 3 + [1e-3] * 3)
     noise *= 1.0 + (grows - 1.0) * inside[:, None]
-    values = noise + np.outer(wave, [*gyro, *accel]) + np.array([0, 0, 0, 0, 0, 1.0])
-    return motion_of_burst(values, times, AXES, 30.0, 32.0)
+    return noise + np.outer(wave, [*gyro, *accel]) + np.array([0, 0, 0, 0, 0, 1.0]), times
+
+
+def burst(*arguments, **named):
+    """Return the motion of such a knock."""
+    return motion_of_burst(*burst_rows(*arguments, **named), AXES, 30.0, 32.0)
 
 
 def test_a_burst_is_one_vector_with_its_size():
@@ -216,6 +220,16 @@ def test_errors_of_the_direction_of_a_burst_are_those_of_repetitions():
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(
         np.mean([one.error_deg for one in found]), rel=0.3
     )
+
+
+def test_a_burst_on_axes_that_are_rounded_to_one_value_beside_it_has_a_direction():
+    along = np.array([0.6, 0.0, -0.8])
+    values, times = burst_rows(2.0 * along, np.zeros(3))
+    rounded = np.column_stack([np.round(values[:, :3] * 4) / 4, values[:, 3:]])
+    assert np.ptp(rounded[times < 29.0, :3]) == 0.0
+    (gyro,) = motion_of_burst(rounded, times, AXES, 30.0, 32.0).directions
+    assert abs(np.dot(gyro.vector, along)) > np.cos(np.radians(3.0))
+    assert gyro.lower < 2.0 < gyro.upper
 
 
 def test_noise_that_grows_on_each_axis_by_itself_has_no_direction():

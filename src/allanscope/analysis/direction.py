@@ -212,7 +212,7 @@ def _level(beside: tuple[Array, Array], columns: Sequence[int]) -> Array:
 
 def _loudest(sensor: str, loud: Array, quiet: Array) -> Direction | None:
     """Return the direction in which a burst exceeds the rows about it; None without one."""
-    noise = np.maximum(quiet.std(axis=0), 1e-300)
+    noise = np.array([_noise(*columns) for columns in zip(loud.T, quiet.T, strict=True)])
     values, vectors = np.linalg.eigh(np.cov(loud / noise, rowvar=False))
     # The burst may ring; what is across it says how many independent rows the noise has.
     rows = _independent((loud / noise) @ vectors[:, -2])
@@ -240,6 +240,18 @@ def _loudest(sensor: str, loud: Array, quiet: Array) -> Direction | None:
         unit="dps" if sensor == "gyro" else "g",
         roundness=math.sqrt(max(across - 1.0, 0.0) / (along - 1.0)),
     )
+
+
+def _noise(loud: Array, quiet: Array) -> float:
+    """Return the deviation of quiet rows of an axis; of their rounding where they do not change.
+
+    Of what never changes it may be anything: nothing is divided by it.
+    """
+    deviation = float(quiet.std())
+    if deviation > 0.0:
+        return deviation
+    steps = np.diff(np.unique(loud))
+    return float(steps.min()) / math.sqrt(12.0) if len(steps) else 1.0
 
 
 def _independent(wave: Array) -> float:

@@ -20,7 +20,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.special import log_ndtr, ndtri, pdtrc, stdtr
+from scipy.special import gammaincc, log_ndtr, ndtri, pdtrc, stdtr
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -59,6 +59,8 @@ all samples beyond the limit that stands alone: others are bursts of noise."""
 _FAR, _LARGEST = 20.0, 64
 """Deviations from which outliers are looked at by their size, and most of them: what is not as far
 out may be of tails that a core tells too little of, and does little to N."""
+_NO_NOISE = 2.0
+"""Power with which the tail of no noise falls, or more slowly: it would have no variance."""
 _SPIKE = 3
 """Most rows on which a filter leaves one spike, beside what it leaves before and after them."""
 _RARELY = 0.1
@@ -188,9 +190,10 @@ def _beyond_the_core(z: Array, at: NDArray[np.int64], limit: float) -> NDArray[n
     within = chance.sum(axis=2)
     loglik = np.log(chance / within[:, :, np.newaxis]) @ counts
     tails = loglik > loglik.max() - _WITHIN_NATS
-    # Of the largest, the two largest, and so on, where they are far out, and of all.
+    # Of the largest, the two largest, and so on, where no noise falls as slowly, and of all.
     sizes = np.sort(np.abs(z[alone]))[::-1]
-    far = min(int(np.count_nonzero(sizes > _FAR)), _LARGEST)
+    is_slow = gammaincc(len(sizes), _NO_NOISE * np.log(sizes / limit).sum()) < ALPHA
+    far = min(int(np.count_nonzero(sizes > _FAR)), _LARGEST) if is_slow else 0
     number = np.append(np.arange(1, far + 1), len(alone))
     size = np.append(sizes[:far] - _COARSE, limit)
     beyond = 2 * stdtr(freedom[tails, np.newaxis], -size / scale[tails, np.newaxis])

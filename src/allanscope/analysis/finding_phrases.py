@@ -147,9 +147,8 @@ def _comb(comb: Comb, effects: Sequence[Effect]) -> str:
     """
     base = number(comb.fundamental_hz, 3)
     period = number(1 / comb.fundamental_hz, 3)
-    name = effects[0].traits.sized_by
-    size = f"{_filled(name, effects)}{' rms' * (name == 'sigma')}"
     orders = _listed([str(one) for one in comb.orders])
+    size = _sizes(effects[0].traits.sized_by, effects)
     return f"lines at {orders} times {base} Hz (every {period} s), {size}"
 
 
@@ -224,7 +223,12 @@ def _size_on_other_sensors(effects: Sequence[Effect]) -> str:
     others = [one for one in sized if one.parameters[name].unit not in told]
     if not others:
         return ""
-    return f" ({_filled(name, others)}{' rms' * (name == 'sigma')})"
+    return f" ({_sizes(name, others)})"
+
+
+def _sizes(name: str, effects: Sequence[Effect]) -> str:
+    """Return how large effects are, by the parameter of that name."""
+    return f"{_filled(name, effects)}{' rms' * (name == 'sigma')}"
 
 
 def _is_known(name: str, effect: Effect) -> bool:

@@ -19,7 +19,7 @@ Agreement is by their intervals. Two that only share that they have no name are 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
@@ -187,16 +187,10 @@ def _with_families(
     for one in relations_of(lines, rate_hz):
         at = places[one.bases[0]]
         base, product = joined[at], joined.pop(places[one.product])
-        members = (*base.members, *product.members)
-        seen_on = {member.axis for member in members}
         order = (one.order,) if one.order else ()
         joined[at] = replace(
-            base,
-            axes=tuple(axis for axis in axes if axis in seen_on),
-            members=members,
-            gain_nats=base.gain_nats + product.gain_nats,
+            _joined([base, product], axes, excess),
             harmonics=tuple(sorted({*base.harmonics, *order})),
-            share=_share(list(members), excess),
             folded=tuple(sorted({*base.folded, *order})),
             mixed=(*base.mixed, one.words) if one.words else base.mixed,
         )
@@ -215,23 +209,26 @@ def _with_combs(
         return found
     base, places = seen
     parts = sorted((found[lines[at]] for at in places), key=lambda one: -one.gain_nats)
+    whole = _joined(parts, axes, excess)
+    lines_hz = [known[0] for one in whole.members if (known := line_of(one.effect)) is not None]
+    orders = {round(one / base): abs(one / base - round(one / base)) for one in lines_hz}
+    comb = Comb(base, tuple(sorted(one for one, off in orders.items() if off < _OFF)))
+    whole = replace(whole, harmonics=(), folded=(), mixed=(), comb=comb)
+    others = [one for one in found if all(one is not part for part in parts)]
+    return _with_combs([*others, whole], axes, excess)
+
+
+def _joined(parts: Sequence[Finding], axes: list[str], excess: Mapping[str, float]) -> Finding:
+    """Return the first of some findings with the effects of all."""
     members = [member for one in parts for member in one.members]
     seen_on = {member.axis for member in members}
-    lines_hz = [known[0] for one in members if (known := line_of(one.effect)) is not None]
-    orders = {round(one / base): abs(one / base - round(one / base)) for one in lines_hz}
-    whole = replace(
+    return replace(
         parts[0],
         axes=tuple(axis for axis in axes if axis in seen_on),
         members=tuple(members),
         gain_nats=sum(one.gain_nats for one in parts),
-        harmonics=(),
         share=_share(members, excess),
-        folded=(),
-        mixed=(),
-        comb=Comb(base, tuple(sorted(one for one, off in orders.items() if off < _OFF))),
     )
-    others = [one for one in found if all(one is not part for part in parts)]
-    return _with_combs([*others, whole], axes, excess)
 
 
 def _surest(lines: Finding) -> tuple[float, float]:

@@ -112,8 +112,21 @@ def test_a_low_pass_of_rows_that_were_resampled_is_one():
 
 def test_silent_blocks_follow_no_other_axis_and_warn_of_nothing():
     quiet = np.r_[np.zeros(20), np.ones(20)]
-    gains = _Powers(("gy", False), False, 50, quiet >= 0, quiet, quiet + 0.5).gains(0.3)
+    gains = _Powers(("gy", False), False, 50, quiet >= 0, quiet, quiet + 0.5, 1.0).gains(0.3)
     assert np.all(np.isfinite(gains))
+
+
+def test_a_share_is_as_often_above_its_interval_as_below():
+    """Of samples that follow at once; one that is as wide to both sides is too low."""
+    rng, share, outside = np.random.default_rng(77), 0.1, np.zeros(2, int)
+    for _ in range(800):
+        q = (np.repeat(np.exp(rng.normal(0, 0.8, 50)), 40) * rng.normal(size=2000)) ** 2
+        mean_q = float(q.mean())
+        power = (1 + share * (q / mean_q - 1)) * rng.normal(size=2000) ** 2
+        tells = q < 8 * mean_q  # the loudest do not, and are as loud all the same
+        found = _Powers(("gy", True), True, 40, tells, power[tells], q[tells], mean_q).estimate
+        outside += [share < found.lower, share > found.upper]
+    assert 7 <= outside.min() <= outside.max() <= 33  # 20 of 800 are expected, 4.4 their deviation
 
 
 @pytest.mark.parametrize("size", [0.03, 0.08, 0.12])

@@ -365,8 +365,9 @@ def test_a_share_is_known_as_well_as_the_tails_of_what_follows_allow():
         motion = loud * rng.standard_normal((200, rows)) ** 2
         noise = (1 + share * (motion / loud.mean() - 1)) * rng.standard_normal((200, rows)) ** 2
         power, q = noise.mean(axis=1), motion.mean(axis=1)
-        found = amplitude_coupling._Powers(("gy", False), False, rows, everywhere, power, q)
-        shares.append(found.share)
+        known = ("gy", False), False, rows, everywhere, power, q, q.mean()
+        found = amplitude_coupling._Powers(*known).estimate
+        shares.append(found.value)
         errors.append(found.error)
     assert np.std(shares) == pytest.approx(np.median(errors), rel=0.12)
 

@@ -35,6 +35,7 @@ __all__ = [
     "Regression",
     "exponential_ordinates",
     "joint_fit",
+    "likely_interval",
     "likely_time",
     "marginal_covariance",
     "ordinates_of",
@@ -331,12 +332,18 @@ def likely_time(time: Estimate, loglik: Callable[[float], float], error: float) 
     """
     tau, reach = time.value, min(_ERRORS * error, _FARTHEST_LOG)
     moved = np.linspace(-reach, reach, _TERMS)
-    nats = np.array([loglik(tau * float(np.exp(x))) for x in moved.tolist()])
+    ends = likely_interval(moved, lambda x: loglik(tau * float(np.exp(x))))
+    lower, upper = (tau * float(np.exp(end)) for end in ends)
+    return replace(time, lower=min(lower, tau), upper=max(upper, tau))
+
+
+def likely_interval(values: Array, loglik: Callable[[float], float]) -> tuple[float, float]:
+    """Return the ends of the interval that holds 95 % of equally distant values by likelihood."""
+    nats = np.array([loglik(value) for value in values.tolist()])
     weight = np.exp(nats - nats.max())
     below = (np.cumsum(weight) - weight / 2) / weight.sum()
-    ends = np.exp(np.interp([_TAIL, 1 - _TAIL], below, moved))
-    lower, upper = (tau * end for end in ends.tolist())
-    return replace(time, lower=min(lower, tau), upper=max(upper, tau))
+    lower, upper = np.interp([_TAIL, 1 - _TAIL], below, values).tolist()
+    return lower, upper
 
 
 def reach_at_95(drop: Callable[[float], float]) -> float:

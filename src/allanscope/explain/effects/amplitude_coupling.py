@@ -30,11 +30,11 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.variance_change import VarianceChange
+from allanscope.explain.regression import likely_interval
 from allanscope.explain.view import View
 from allanscope.lazy import once
 from allanscope.median import medians
 from allanscope.optimise import minimise_between
-from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -64,6 +64,8 @@ _MOST = 0.999
 """Largest share of its power that may follow: at 1 the likelihood is singular."""
 _STEP, _LEAST = 0.01, 0.01
 """Of the share, over which the curvature of the likelihood is taken at the most, and the least."""
+_REACH, _TERMS = 5.0, 101
+"""Standard errors within which shares are weighed by their likelihood, and how many."""
 
 
 @dataclass(frozen=True)
@@ -124,17 +126,18 @@ class AmplitudeCoupling(EffectKind):
         found = max(_powers(view, likely.source[0]), key=_gain)
         if found.gain < _CLEARLY:
             return []
-        share, error = found.share, found.error
+        share = found.estimate
         source, of_the_level = found.source
-        white = float(np.median(view.spectrum.ordinates))
+        white = float(np.median(view.spectrum.ordinates)) * found.mean_power / found.mean_q
+        assert share.lower is not None
+        assert share.upper is not None
         slope, lower, upper = (
-            float(np.sqrt(max(share + away * error, 0.0) * white / found.q.mean()))
-            for away in (0.0, -TWO_SIDED_95, TWO_SIDED_95)
+            float(np.sqrt(one * white)) for one in (share.value, share.lower, share.upper)
         )
         effect = cls(
             Parameter(source),
             Estimate(slope, lower, upper, f"{view.unit}/{view.unit_of(source)}"),
-            Estimate.of(share, error),
+            share,
             of_the_level,
             found.at_once,
         )
@@ -218,6 +221,8 @@ class _Powers:
         Those that tell.
     power, q : ndarray, shape (n,)
         Of the axis, whitened, and of the other, where they tell.
+    mean_q : float
+        Of the other, with samples that do not tell as large as they may be.
     """
 
     source: tuple[str, bool]
@@ -226,6 +231,7 @@ class _Powers:
     kept: NDArray[np.bool_]
     power: Array
     q: Array
+    mean_q: float
 
     @once
     def share(self) -> float:
@@ -236,6 +242,11 @@ class _Powers:
     def gain(self) -> float:
         """What it gains, nats."""
         return float(self.gains(self.share).sum())
+
+    @property
+    def mean_power(self) -> float:
+        """Power of the axis, whitened, where the other has its mean."""
+        return float((self.power / self.following(self.share)).mean())
 
     @once
     def freedom(self) -> float:
@@ -248,8 +259,8 @@ class _Powers:
         return float(min(2 / scatter, 1 if self.at_once else self.rows))
 
     @property
-    def error(self) -> float:
-        """Standard error of the likeliest share.
+    def estimate(self) -> Estimate:
+        """The likeliest share, with the interval that holds 95 % of them, as likely as they are.
 
         The likelihood takes all blocks to scatter alike. But what follows Gaussian motion has
         tails: the mean square of n rows, of which the part p follows, has the relative variance
@@ -259,18 +270,21 @@ class _Powers:
         step = min(_STEP, share / 2, (1 - share) / 2)  # beyond 0 and 1 there is no likelihood
         low, best, high = (float(self.gains(share + away).sum()) for away in (-step, 0.0, step))
         information = max((2 * best - low - high) / step**2, _LEAST)
-        if self.at_once:
-            return float(information**-0.5)
-        factor = self.following(share)
-        scatter = 1 + 3 * (share * q / (q.mean() * factor)) ** 2
-        telling = (q / q.mean() - 1) / factor
-        telling = (telling - telling.mean()) ** 2
-        wider = np.average(scatter, weights=telling) / scatter.mean()
-        return float(np.sqrt(wider / information))
+        wider = 1.0
+        if not self.at_once:
+            factor = self.following(share)
+            scatter = 1 + 3 * (share * q / (self.mean_q * factor)) ** 2
+            telling = (q / self.mean_q - 1) / factor
+            telling = (telling - telling.mean()) ** 2
+            wider = float(np.average(scatter, weights=telling) / scatter.mean())
+        reach = _REACH * float(np.sqrt(wider / information))
+        shares = np.linspace(max(share - reach, 0.0), min(share + reach, _MOST), _TERMS)
+        lower, upper = likely_interval(shares, lambda one: float(self.gains(one).sum()) / wider)
+        return Estimate(share, min(lower, share), max(upper, share))
 
     def fit(self, known: NDArray[np.bool_] | slice = slice(None)) -> float:
         """Return the likeliest share of the known ones, whatever their freedom."""
-        power, beyond = self.power[known], (self.q / self.q.mean() - 1)[known]
+        power, beyond = self.power[known], (self.q / self.mean_q - 1)[known]
 
         def loss(share: float) -> float:  # but for a constant, of each
             factor = 1 + share * beyond
@@ -280,7 +294,7 @@ class _Powers:
 
     def following(self, share: float) -> Array:
         """Return by which factor the power is other than its mean as it follows the source."""
-        return np.asarray(1 + share * (self.q / self.q.mean() - 1))
+        return np.asarray(1 + share * (self.q / self.mean_q - 1))
 
     def gains(self, share: float, known: NDArray[np.bool_] | slice = slice(None)) -> Array:
         """Return what each gains by a share; the level is that of the known ones, or of all."""
@@ -322,10 +336,13 @@ def _powers(view: View, axis: str | None = None) -> Iterator[_Powers]:
                     each = q if at_once else q.mean(axis=1, keepdims=True)
                     # Where the source is loud, loud samples may follow it.
                     power = np.minimum(squares, _CAP * np.maximum(each / each.mean(), 1.0))
-                    usual = each <= _ALONE * medians(each)[:, np.newaxis]
-                    power = power[usual] if at_once else power.mean(axis=1)
-                    if each[usual].any():  # a coarse source may rest in most samples
-                        yield _Powers((other, level), at_once, size, kept, power, each[usual])
+                    most = _ALONE * medians(each)[:, np.newaxis]
+                    tells = each <= most
+                    power = power[tells] if at_once else power.mean(axis=1)
+                    if each[tells].any():  # a coarse source may rest in most samples
+                        mean = float(np.minimum(each, most).mean())
+                        source = other, level
+                        yield _Powers(source, at_once, size, kept, power, each[tells], mean)
 
 
 def _gain(powers: _Powers) -> float:

@@ -13,11 +13,12 @@ RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 
 
 def swell(b, period_s):
-    """Return a level that goes up and down, each time by another amount: too rarely for a band."""
+    """Return a level that goes up and down, each time by another amount, for a part of the time."""
     pole = np.exp((-np.pi / (3 * period_s) + 2j * np.pi / period_s) / RATE)
     n = len(b.t)
     noise = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], b.rng.standard_normal(2 * n))
-    return noise[n:] / noise[n:].std()
+    noise = noise[n:] * np.exp(-(((b.t - 2500.0) / 1500.0) ** 2))
+    return noise / noise.std()
 
 
 @pytest.mark.parametrize("seed", [71, 73, 78])

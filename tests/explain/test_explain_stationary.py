@@ -54,6 +54,30 @@ def test_a_tone_that_sweeps_is_unexplained(bench, first, last, size):
     assert sum("unexplained" in names(axis) for axis in found) >= TONES - 1
 
 
+def few_times(b, frequency, size):
+    """Return noise in a band of five coherence times, as it is long after it began."""
+    pole = np.exp((-np.pi * 5 / SECONDS + 2j * np.pi * frequency) / RATE)
+    e = b.rng.normal(size=(4 * len(b.t), 2)) @ [1, 1j]
+    noise = lfilter([np.sqrt(1 - abs(pole) ** 2)], [1, -pole], e)
+    return size * SIGMA * noise[-len(b.t) :].real
+
+
+@pytest.mark.parametrize(("frequency", "size"), [(0.3, 0.5), (2.0, 0.3), (8.0, 1.0)])
+def test_noise_in_a_band_of_few_coherence_times_has_a_name(bench, frequency, size):
+    """They are not enough to show that it is noise, but nothing speaks against it."""
+    found = all_axes(bench, lambda b: few_times(b, frequency, size))
+    assert sum(set(names(axis)) <= {"narrowband", "drifting_line"} for axis in found) >= TONES - 2
+
+
+@pytest.mark.parametrize(("frequency", "size"), [(0.3, 0.4), (0.5, 0.6)])
+def test_noise_in_a_band_that_is_there_for_a_while_is_no_noise_all_along(bench, frequency, size):
+    found = all_axes(
+        bench, lambda b: few_times(b, frequency, size) * (abs(b.t - SECONDS / 2) < 25.0)
+    )
+    assert sum(bool(names(axis)) for axis in found) >= TONES - 1
+    assert not any("narrowband" in names(axis) for axis in found)
+
+
 @pytest.mark.parametrize(("size", "time"), [(0.3, 1.0), (1.0, 0.1), (1.0, 5.0)])
 def test_gauss_markov_noise_keeps_its_name(bench, size, time):
     found = all_axes(bench, lambda b: b.gauss_markov(size * SIGMA, time))

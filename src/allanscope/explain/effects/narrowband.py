@@ -27,6 +27,7 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.effects.unexplained import band_left_over, beside, tone_left_over
+from allanscope.explain.presence import presence_of
 from allanscope.explain.residual import removes
 from allanscope.explain.series import block_means
 from allanscope.explain.stationarity import (
@@ -88,6 +89,8 @@ BROADEST = 0.7
 """Beyond, as a share of the frequency, no one would call the band narrow."""
 _FEWEST_COHERENCES = 12.0
 """Fewer coherence times in a record cannot show that a band holds noise."""
+_FEWEST_AT_ALL = 3.0
+"""Fewer are a line that changes once, whatever else it is not."""
 _UNSTEADY = 6.0
 """Sigma; noise in bands of any width stayed below 2 in some hundred records."""
 _TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
@@ -220,18 +223,21 @@ class Narrowband(EffectKind):
         is_steady = bartlett_z_of(view, candidate) < UNSTEADY
         return is_steady or self._is_misshapen(view, candidate)
 
-    def lasts(self, view: View) -> bool:
+    def lasts(self, view: View, fewest: float = _FEWEST_COHERENCES) -> bool:
         """Return whether the samples may hold noise all along there, whatever the model is."""
         f0, width = self.frequency.value, self.bandwidth.value
-        if width * view.series.duration_s < _FEWEST_COHERENCES:
+        if width * view.series.duration_s < fewest:
             return False
         record = PowerInParts.of_view(view)
         return bartlett_z(record, f0, width) < _UNSTEADY and not sweeps(record, f0, width)
 
-    def _is_steady(self, view: View, candidate: Candidate) -> bool:
+    def _is_steady(
+        self, view: View, candidate: Candidate, fewest: float = _FEWEST_COHERENCES
+    ) -> bool:
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
-            self.lasts(view)
+            self.lasts(view, fewest)
+            and not self._is_brief(view)
             and bartlett_z_of(view, candidate) < UNSTEADY
             and not (
                 envelope_z(view.data, rate, f0, width) > _TOO_EVEN
@@ -240,11 +246,48 @@ class Narrowband(EffectKind):
             and removes(view, candidate)
         )
 
+    def is_noise(self, view: View, candidate: Candidate) -> bool:
+        """Return whether it is nothing but noise, of however few coherence times."""
+        return self._is_steady(view, candidate, _FEWEST_AT_ALL)
+
+    def _is_brief(self, view: View) -> bool:
+        """Return whether it is there in a part of the record only, whatever its form."""
+        f0, width = self.frequency.value, self.bandwidth.value
+        return presence_of(view, f0 - width, f0 + width) is not None
+
     def _is_misshapen(self, view: View, candidate: Candidate) -> bool:
         """Return whether the spectrum within the band differs from the shape that was fitted."""
         after = view.with_parts(*candidate.parts)
         left, parts = misfit(after, self.frequency.value, _WITHIN * self.bandwidth.value)
         return bool(left > max(_MISSHAPEN * np.sqrt(parts / 2), _MISSED * candidate.gain))
+
+
+def noise_between(view: View, first: int, stop: int, searched: Candidate) -> Candidate | None:
+    """Return the band of noise that a range of ordinates is; None where it need not be noise.
+
+    Parameters
+    ----------
+    view : View
+        Without what left them out of its fit.
+    first, stop : int
+        The ordinates, which hold no line.
+    searched : Candidate
+        What was found there first: the alternatives that were looked at, and what paid for them.
+    """
+    fit = _fit(view, first, stop - first)
+    if fit is None:
+        return None
+    band, found = fit
+    low, high = np.array([first + 1, stop]) * view.grid.rate_hz / (2 * view.grid.n)
+    is_inside = low <= band.frequency.value <= high
+    if found.excess <= 0 or not is_inside or not band.is_noise(view, found):
+        return None
+    held = band.hold_out(view, found)
+    if held is None or held.nats <= held.error:
+        return None
+    return replace(
+        searched, effect=band, gain=found.gain, parts=found.parts, excluded=(), held_out=held
+    )
 
 
 def misfit(view: View, centre: float, reach: float) -> tuple[float, int]:

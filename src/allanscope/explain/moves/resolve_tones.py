@@ -29,6 +29,7 @@ from allanscope.explain.effects.drifting_line import (
     profile_of,
     range_of,
 )
+from allanscope.explain.effects.narrowband import noise_between
 from allanscope.explain.effects.sinusoid import constant_line
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.moves import SearchPath
@@ -181,7 +182,8 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
                     for name, part in zip(named, parts, strict=True)
                 ]
     if not any(named):
-        return [_without_name(view, band, whole)]
+        noise = noise_between(view.without(whole), band.first, band.stop, whole)
+        return [noise or _without_name(view, band, whole)]
     known = [name for name in named if name is not None]
     rest = [
         _without_name(view, part, whole)

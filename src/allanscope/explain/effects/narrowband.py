@@ -9,7 +9,8 @@ The correlation is that of a damped oscillation,
 band-pass; the likeliest of them) with the full width at half maximum w. Two resonances within each
 other's width look like one of another form, and are fitted together (`halved`). Spotted as a run of
 ordinates above the model that is wider than a line; f_0, w and sigma are found by Whittle
-likelihood on the ordinates around it. It enters the model as a term of the spectrum.
+likelihood on the ordinates around it. It enters the model as a term of the spectrum. Few coherence
+times cannot show that it is noise: then it is only what no line explains (`noise_between`).
 """
 
 from __future__ import annotations
@@ -201,7 +202,7 @@ class Narrowband(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return it where it holds noise all along; what holds a tone has no name."""
         f0, width = self.frequency.value, self.bandwidth.value
-        if not beside(view, f0) and self._is_steady(view, candidate):
+        if not beside(view, f0) and self.is_steady(view, candidate):
             return candidate
         return tone_left_over(view, candidate, f0, width) or self._left_out(view, candidate)
 
@@ -231,9 +232,10 @@ class Narrowband(EffectKind):
         record = PowerInParts.of_view(view)
         return bartlett_z(record, f0, width) < _UNSTEADY and not sweeps(record, f0, width)
 
-    def _is_steady(
+    def is_steady(
         self, view: View, candidate: Candidate, fewest: float = _FEWEST_COHERENCES
     ) -> bool:
+        """Return whether it is noise all along, of so many coherence times at the least."""
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
             self.lasts(view, fewest)
@@ -245,10 +247,6 @@ class Narrowband(EffectKind):
             )
             and removes(view, candidate)
         )
-
-    def is_noise(self, view: View, candidate: Candidate) -> bool:
-        """Return whether it is nothing but noise, of however few coherence times."""
-        return self._is_steady(view, candidate, _FEWEST_AT_ALL)
 
     def _is_brief(self, view: View) -> bool:
         """Return whether it is there in a part of the record only, whatever its form."""
@@ -280,7 +278,7 @@ def noise_between(view: View, first: int, stop: int, searched: Candidate) -> Can
     band, found = fit
     low, high = np.array([first + 1, stop]) * view.grid.rate_hz / (2 * view.grid.n)
     is_inside = low <= band.frequency.value <= high
-    if found.excess <= 0 or not is_inside or not band.is_noise(view, found):
+    if found.excess <= 0 or not is_inside or not band.is_steady(view, found, _FEWEST_AT_ALL):
         return None
     held = band.hold_out(view, found)
     if held is None or held.nats <= held.error:

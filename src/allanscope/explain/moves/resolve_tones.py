@@ -3,8 +3,8 @@
 While the search goes on, a tone that changes is left out of the fit together with all that touches
 it. Once everything else is known, the noise beside it is known too, and what was left out can be
 looked at: clusters of loud ordinates become lines, most of which drift, and what is between them
-returns to the fit. What is no line stays `unexplained`, with the size and the distribution of its
-power.
+returns to the fit. What is no line is noise in a band, if nothing speaks against it, or stays
+`unexplained`, with the size and the distribution of its power.
 """
 
 from __future__ import annotations

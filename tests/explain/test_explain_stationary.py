@@ -78,6 +78,20 @@ def test_noise_in_a_band_that_is_there_for_a_while_is_no_noise_all_along(bench, 
     assert not any("narrowband" in names(axis) for axis in found)
 
 
+def test_noise_in_a_band_whose_level_changes_has_a_name_in_a_short_record_too(bench):
+    """Its parts are too short to show how its spectrum moves."""
+    bands = []
+    for seed in SEEDS:
+        b = bench(seed, 60.0)
+        level = 1 + 0.8 * np.sin(2 * np.pi * b.t / 40.0)
+        shaken = (b.noise() + level * band(b, 8.0, 0.4, 0.7) for _ in range(TONES // 3))
+        effects = [e for axis in explain(b.record(*shaken)).axes.values() for e in axis.effects]
+        bands += [e.evidence["swells"] for e in effects if e.kind == "narrowband"]
+    assert len(bands) >= 8
+    assert all(least < 0.6 * most for least, most in filter(None, bands))
+    assert sum(one is not None for one in bands) >= 6
+
+
 @pytest.mark.parametrize(("size", "time"), [(0.3, 1.0), (1.0, 0.1), (1.0, 5.0)])
 def test_gauss_markov_noise_keeps_its_name(bench, size, time):
     found = all_axes(bench, lambda b: b.gauss_markov(size * SIGMA, time))

@@ -13,6 +13,10 @@ It is in the model as lines that wander around the centres of the parts (`Moving
 brings far beside the band belongs to it, not to a process that the search would find there. Where
 that misses the spectrum, it is a component with the measured distribution of its power
 (`LineProfile`).
+
+A short record has no parts in which to see that, and a band of few coherence times has no spectrum
+in them. What no line explains there is noise in a band as well, if it has the form and the envelope
+of noise, lasts, and one half of the record tells the other's (`noise_between`).
 """
 
 from __future__ import annotations
@@ -26,13 +30,15 @@ from allanscope.explain.candidate import Candidate, HeldOut, error_of_sum
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import errors_at
 from allanscope.explain.effects.drifting_line import Cluster, gain_of, profile_of
-from allanscope.explain.effects.narrowband import Narrowband, misfit
+from allanscope.explain.effects.narrowband import Narrowband, band_between, misfit
+from allanscope.explain.series import block_means, in_time
+from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.components import MovingLine
 from allanscope.optimise import minimise
 from allanscope.quantities import TWO_SIDED_95
 
-__all__ = ["moving_band"]
+__all__ = ["moving_band", "noise_between"]
 
 Array = NDArray[np.float64]
 
@@ -65,6 +71,11 @@ _MISSHAPEN, _BESIDE = 4.0, 3.0
 """Sigma of what lines that wander may leave of the spectrum of the band, and so far beside it."""
 _ALIKE = 0.3
 """Cosine between the spectra of halves of a record: a sweep has 0."""
+_FEWEST_COHERENCES, _TOO_UNSTEADY = 3.0, 6.0
+"""Coherence times of which fewer are a line that changes once, whatever else it is not; sigma by
+which the power of noise whose level changes is less even than that of noise, at the most."""
+_IN_A_PART, _LEVELS = 4.0, (4, 16)
+"""Coherence times in a part of the record, and how many parts, over which its rms is told."""
 
 
 def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
@@ -121,6 +132,43 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     size = model.amplitude_behind(model.components[-1], centre)
     effect = replace(effect, sigma=Estimate.of_log(size, error, view.unit))
     return replace(found, effect=effect, parts=(part,), excluded=())
+
+
+def noise_between(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
+    """Return the band of noise that a range of ordinates is though its parts cannot show it.
+
+    See `moving_band` for the parameters.
+    """
+    bare = view.without(searched)
+    fit = band_between(bare, cluster.first, cluster.stop)
+    if fit is None:
+        return None
+    band, found = fit
+    unsteady = bartlett_z_of(bare, found)
+    is_noise = band.lasts(bare, _FEWEST_COHERENCES) and band.is_noise(bare, found)
+    if unsteady > _TOO_UNSTEADY or not is_noise:
+        return None
+    held = band.hold_out(bare, found)
+    if held is None or held.nats <= held.error:
+        return None
+    found = replace(searched, effect=band, gain=found.gain, held_out=held, parts=found.parts)
+    if unsteady < UNSTEADY:
+        return replace(found, excluded=())
+    profile, _ = profile_of(view, cluster)
+    swelling = replace(band, swells=_least_and_most(bare, cluster, band))
+    measured = replace(found, excluded=((profile.low, profile.high),), profiles=(profile,))
+    return replace(measured, effect=swelling, parts=())
+
+
+def _least_and_most(bare: View, cluster: Cluster, band: Narrowband) -> tuple[float, float]:
+    """Return the rms of a range over parts of the record of some coherence times each."""
+    own, inside = np.zeros(bare.grid.n - 1), slice(cluster.first, cluster.stop)
+    own[inside] = bare.ordinates[inside]
+    times = band.bandwidth.value * bare.series.duration_s
+    power = block_means(in_time(own) ** 2, int(np.clip(times / _IN_A_PART, *_LEVELS)))
+    noise = float(bare.spectrum.ordinates[inside].sum()) / bare.grid.n
+    least, most = np.sqrt(np.maximum([power.min() - noise, power.max() - noise], 0.0)).tolist()
+    return least, most
 
 
 def _lines(bare: View, centres: Array, width: float) -> tuple[MovingLine, float] | None:

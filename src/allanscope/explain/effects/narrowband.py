@@ -10,7 +10,7 @@ band-pass; the likeliest of them) with the full width at half maximum w. Two res
 other's width look like one of another form, and are fitted together (`halved`). Spotted as a run of
 ordinates above the model that is wider than a line; f_0, w and sigma are found by Whittle
 likelihood on the ordinates around it. It enters the model as a term of the spectrum. Few coherence
-times cannot show that it is noise: then it is only what no line explains (`noise_between`).
+times cannot show that it is noise: then it is only what no line explains (`moving_band`).
 """
 
 from __future__ import annotations
@@ -90,8 +90,6 @@ BROADEST = 0.7
 """Beyond, as a share of the frequency, no one would call the band narrow."""
 _FEWEST_COHERENCES = 12.0
 """Fewer coherence times in a record cannot show that a band holds noise."""
-_FEWEST_AT_ALL = 3.0
-"""Fewer are a line that changes once, whatever else it is not."""
 _UNSTEADY = 6.0
 """Sigma; noise in bands of any width stayed below 2 in some hundred records."""
 _TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
@@ -202,7 +200,7 @@ class Narrowband(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return it where it holds noise all along; what holds a tone has no name."""
         f0, width = self.frequency.value, self.bandwidth.value
-        if not beside(view, f0) and self.is_steady(view, candidate):
+        if not beside(view, f0) and self._is_steady(view, candidate):
             return candidate
         return tone_left_over(view, candidate, f0, width) or self._left_out(view, candidate)
 
@@ -232,26 +230,24 @@ class Narrowband(EffectKind):
         record = PowerInParts.of_view(view)
         return bartlett_z(record, f0, width) < _UNSTEADY and not sweeps(record, f0, width)
 
-    def is_steady(
-        self, view: View, candidate: Candidate, fewest: float = _FEWEST_COHERENCES
-    ) -> bool:
-        """Return whether it is noise all along, of so many coherence times at the least."""
+    def _is_steady(self, view: View, candidate: Candidate) -> bool:
+        return (
+            self.lasts(view)
+            and bartlett_z_of(view, candidate) < UNSTEADY
+            and self.is_noise(view, candidate)
+        )
+
+    def is_noise(self, view: View, candidate: Candidate) -> bool:
+        """Return whether it has the envelope and the form of noise, in most of the record."""
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
-            self.lasts(view, fewest)
-            and not self._is_brief(view)
-            and bartlett_z_of(view, candidate) < UNSTEADY
+            presence_of(view, f0 - width, f0 + width) is None
             and not (
                 envelope_z(view.data, rate, f0, width) > _TOO_EVEN
                 and self._is_misshapen(view, candidate)
             )
             and removes(view, candidate)
         )
-
-    def _is_brief(self, view: View) -> bool:
-        """Return whether it is there in a part of the record only, whatever its form."""
-        f0, width = self.frequency.value, self.bandwidth.value
-        return presence_of(view, f0 - width, f0 + width) is not None
 
     def _is_misshapen(self, view: View, candidate: Candidate) -> bool:
         """Return whether the spectrum within the band differs from the shape that was fitted."""
@@ -260,32 +256,21 @@ class Narrowband(EffectKind):
         return bool(left > max(_MISSHAPEN * np.sqrt(parts / 2), _MISSED * candidate.gain))
 
 
-def noise_between(view: View, first: int, stop: int, searched: Candidate) -> Candidate | None:
-    """Return the band of noise that a range of ordinates is; None where it need not be noise.
+def band_between(view: View, first: int, stop: int) -> tuple[Narrowband, Candidate] | None:
+    """Return the likeliest band of a range of ordinates; None where none passes its penalty there.
 
     Parameters
     ----------
     view : View
         Without what left them out of its fit.
     first, stop : int
-        The ordinates, which hold no line.
-    searched : Candidate
-        What was found there first: the alternatives that were looked at, and what paid for them.
+        The ordinates.
     """
     fit = _fit(view, first, stop - first)
-    if fit is None:
+    if fit is None or fit[1].excess <= 0:
         return None
-    band, found = fit
     low, high = np.array([first + 1, stop]) * view.grid.rate_hz / (2 * view.grid.n)
-    is_inside = low <= band.frequency.value <= high
-    if found.excess <= 0 or not is_inside or not band.is_steady(view, found, _FEWEST_AT_ALL):
-        return None
-    held = band.hold_out(view, found)
-    if held is None or held.nats <= held.error:
-        return None
-    return replace(
-        searched, effect=band, gain=found.gain, parts=found.parts, excluded=(), held_out=held
-    )
+    return fit if low <= fit[0].frequency.value <= high else None
 
 
 def misfit(view: View, centre: float, reach: float) -> tuple[float, int]:

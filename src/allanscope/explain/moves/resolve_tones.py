@@ -29,11 +29,10 @@ from allanscope.explain.effects.drifting_line import (
     profile_of,
     range_of,
 )
-from allanscope.explain.effects.narrowband import noise_between
 from allanscope.explain.effects.sinusoid import constant_line
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.moves import SearchPath
-from allanscope.explain.moving_band import moving_band
+from allanscope.explain.moving_band import moving_band, noise_between
 from allanscope.explain.view import View
 from allanscope.median import median
 from allanscope.quantities import CHI_SQUARE_MEDIAN
@@ -182,8 +181,7 @@ def _found(view: View, parts: list[Cluster], band: Cluster, whole: Candidate) ->
                     for name, part in zip(named, parts, strict=True)
                 ]
     if not any(named):
-        noise = noise_between(view.without(whole), band.first, band.stop, whole)
-        return [noise or _without_name(view, band, whole)]
+        return [noise_between(view, band, whole) or _without_name(view, band, whole)]
     known = [name for name in named if name is not None]
     rest = [
         _without_name(view, part, whole)

@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate, HeldOut, error_of_sum
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import errors_at
-from allanscope.explain.effects.drifting_line import Cluster, gain_of, profile_of
+from allanscope.explain.effects.drifting_line import Cluster, gain_of, profile_of, wave_inside
 from allanscope.explain.effects.narrowband import Narrowband, band_between, misfit
-from allanscope.explain.series import block_means, in_time
+from allanscope.explain.series import block_means
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
-from allanscope.noise.components import MovingLine
+from allanscope.noise.components import LineProfile, MovingLine
 from allanscope.optimise import minimise
 from allanscope.quantities import TWO_SIDED_95
 
@@ -71,7 +71,7 @@ _MISSHAPEN, _BESIDE = 4.0, 3.0
 """Sigma of what lines that wander may leave of the spectrum of the band, and so far beside it."""
 _ALIKE = 0.3
 """Cosine between the spectra of halves of a record: a sweep has 0."""
-_FEWEST_COHERENCES, _TOO_UNSTEADY = 3.0, 6.0
+_FEWEST_AT_ALL, _TOO_UNSTEADY = 3.0, 6.0
 """Coherence times of which fewer are a line that changes once, whatever else it is not; sigma by
 which the power of noise whose level changes is less even than that of noise, at the most."""
 _IN_A_PART, _LEVELS = 4.0, (4, 16)
@@ -119,7 +119,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
         swells=_swelling(excess, profile.sigma, independent),
     )
     found = replace(searched, gain=gain_of(view, cluster, profile), held_out=held)
-    measured = replace(found, excluded=((profile.low, profile.high),), profiles=(profile,))
+    measured = _as_measured(found, profile)
     if lines is None:
         return replace(measured, effect=effect)
     part, log_error = lines
@@ -144,29 +144,32 @@ def noise_between(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     if fit is None:
         return None
     band, found = fit
+    if not (band.lasts(bare, _FEWEST_AT_ALL) and band.is_noise(bare, found)):
+        return None
     unsteady = bartlett_z_of(bare, found)
-    is_noise = band.lasts(bare, _FEWEST_COHERENCES) and band.is_noise(bare, found)
-    if unsteady > _TOO_UNSTEADY or not is_noise:
+    if unsteady > _TOO_UNSTEADY:
         return None
     held = band.hold_out(bare, found)
     if held is None or held.nats <= held.error:
         return None
-    found = replace(searched, effect=band, gain=found.gain, held_out=held, parts=found.parts)
+    named = replace(searched, effect=band, gain=found.gain, held_out=held)
     if unsteady < UNSTEADY:
-        return replace(found, excluded=())
-    profile, _ = profile_of(view, cluster)
+        return replace(named, parts=found.parts, excluded=())
     swelling = replace(band, swells=_least_and_most(bare, cluster, band))
-    measured = replace(found, excluded=((profile.low, profile.high),), profiles=(profile,))
-    return replace(measured, effect=swelling, parts=())
+    return _as_measured(replace(named, effect=swelling), profile_of(view, cluster)[0])
+
+
+def _as_measured(band: Candidate, profile: LineProfile) -> Candidate:
+    """Return a band left out of the fit, with the measured distribution of its power instead."""
+    return replace(band, excluded=((profile.low, profile.high),), profiles=(profile,))
 
 
 def _least_and_most(bare: View, cluster: Cluster, band: Narrowband) -> tuple[float, float]:
     """Return the rms of a range over parts of the record of some coherence times each."""
-    own, inside = np.zeros(bare.grid.n - 1), slice(cluster.first, cluster.stop)
-    own[inside] = bare.ordinates[inside]
     times = band.bandwidth.value * bare.series.duration_s
-    power = block_means(in_time(own) ** 2, int(np.clip(times / _IN_A_PART, *_LEVELS)))
-    noise = float(bare.spectrum.ordinates[inside].sum()) / bare.grid.n
+    parts = int(np.clip(times / _IN_A_PART, *_LEVELS))
+    power = block_means(wave_inside(bare, cluster) ** 2, parts)
+    noise = float(bare.spectrum.ordinates[cluster.first : cluster.stop].sum()) / bare.grid.n
     least, most = np.sqrt(np.maximum([power.min() - noise, power.max() - noise], 0.0)).tolist()
     return least, most
 

@@ -266,35 +266,43 @@ class _Powers:
         tails: the mean square of n rows, of which the part p follows, has the relative variance
         (2 + 6 p^2) / n, and loud blocks tell the share.
         """
-        share, q = self.share, self.q
+        share, scale = self.share, self.freedom * len(self.power) / 2
+
+        def loglik(share: float) -> float:
+            return -scale * self.loss(share)
+
         step = min(_STEP, share / 2, (1 - share) / 2)  # beyond 0 and 1 there is no likelihood
-        low, best, high = (float(self.gains(share + away).sum()) for away in (-step, 0.0, step))
+        low, best, high = (loglik(share + away) for away in (-step, 0.0, step))
         information = max((2 * best - low - high) / step**2, _LEAST)
         wider = 1.0
         if not self.at_once:
             factor = self.following(share)
-            scatter = 1 + 3 * (share * q / (self.mean_q * factor)) ** 2
-            telling = (q / self.mean_q - 1) / factor
+            scatter = 1 + 3 * (share * self.q / (self.mean_q * factor)) ** 2
+            telling = self.beyond / factor
             telling = (telling - telling.mean()) ** 2
             wider = float(np.average(scatter, weights=telling) / scatter.mean())
         reach = _REACH * float(np.sqrt(wider / information))
         shares = np.linspace(max(share - reach, 0.0), min(share + reach, _MOST), _TERMS)
-        lower, upper = likely_interval(shares, lambda one: float(self.gains(one).sum()) / wider)
+        lower, upper = likely_interval(shares, lambda one: loglik(one) / wider)
         return Estimate(share, min(lower, share), max(upper, share))
 
     def fit(self, known: NDArray[np.bool_] | slice = slice(None)) -> float:
         """Return the likeliest share of the known ones, whatever their freedom."""
-        power, beyond = self.power[known], (self.q / self.mean_q - 1)[known]
+        return minimise_between(lambda share: self.loss(share, known), 0.0, _MOST, within=1e-4)[0]
 
-        def loss(share: float) -> float:  # but for a constant, of each
-            factor = 1 + share * beyond
-            return float(np.log(factor).mean() + np.log((power / factor).mean()))
+    def loss(self, share: float, known: NDArray[np.bool_] | slice = slice(None)) -> float:
+        """Return twice the negative log-likelihood of the known ones, of each, but a constant."""
+        factor = self.following(share)[known]
+        return float(np.log(factor).mean() + np.log((self.power[known] / factor).mean()))
 
-        return minimise_between(loss, 0.0, _MOST, within=1e-4)[0]
+    @once
+    def beyond(self) -> Array:
+        """How far the other is from its mean."""
+        return np.asarray(self.q / self.mean_q - 1)
 
     def following(self, share: float) -> Array:
         """Return by which factor the power is other than its mean as it follows the source."""
-        return np.asarray(1 + share * (self.q / self.mean_q - 1))
+        return np.asarray(1 + share * self.beyond)
 
     def gains(self, share: float, known: NDArray[np.bool_] | slice = slice(None)) -> Array:
         """Return what each gains by a share; the level is that of the known ones, or of all."""

@@ -251,12 +251,12 @@ def lines_of(view: View, cluster: Cluster) -> list[Cluster]:
 
 def _is_all_along(view: View, cluster: Cluster) -> bool:
     """Return whether there is power in a cluster in all parts of the record."""
-    parts = np.array_split(_inside(view, cluster), _TIMES)
+    parts = np.array_split(wave_inside(view, cluster), _TIMES)
     power = [float(np.sum(part**2)) for part in parts]
     return float(np.quantile(power, 1 / _PARTS)) > _FADED * float(np.mean(power))
 
 
-def _inside(view: View, cluster: Cluster) -> Array:
+def wave_inside(view: View, cluster: Cluster) -> Array:
     """Return the part of the data within a cluster, in time."""
     kept = np.zeros_like(view.ordinates)
     kept[cluster.first : cluster.stop] = view.ordinates[cluster.first : cluster.stop]

@@ -241,12 +241,12 @@ class Narrowband(EffectKind):
         """Return whether it has the envelope and the form of noise, in most of the record."""
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
-            presence_of(view, f0 - width, f0 + width) is None
-            and not (
+            not (
                 envelope_z(view.data, rate, f0, width) > _TOO_EVEN
                 and self._is_misshapen(view, candidate)
             )
             and removes(view, candidate)
+            and presence_of(view, f0 - width, f0 + width) is None
         )
 
     def _is_misshapen(self, view: View, candidate: Candidate) -> bool:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 
+from allanscope.explain.candidate import Candidate, effect_of
 from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.temperature import Temperature
 from allanscope.explain.given_detection import conditional_rank, given_detection
 from allanscope.explain.spectrum import StepScan, ends_of
 from allanscope.noise.grid import Grid
@@ -66,6 +68,25 @@ def test_the_size_of_a_process_goes_by_what_it_gains():
     assert abs(too_large - 0.5) < 0.08  # 3.6 standard errors of 500
     assert 0.92 < covered < 0.98
     assert np.mean(np.sqrt(powers) > np.sqrt(truth)) > 0.65
+
+
+def test_what_a_lag_has_paid_for_does_not_select_the_slope():
+    """Without its lag the slope would have been found for less."""
+    slope = Estimate.of(5.0, 1.0, "mdps/degC")
+
+    def corrected(lag: Estimate | None, gain: float):
+        effect = Temperature(slope, lag, None, 4.0, 25.0)
+        found = effect_of(Candidate(effect, gain, effect.form_price), "gx")
+        return found.evidence["price_nats"], found.given_detection
+
+    price, plain = corrected(None, 12.0)
+    dearer, late = corrected(Estimate(20.0, 10.0, 40.0, "s"), 17.0)
+    assert dearer > price + 9.0
+    expected = given_detection(slope, price, 17.0)
+    assert (late.value, late.lower, late.upper) == pytest.approx(
+        (expected.value, expected.lower, expected.upper)
+    )
+    assert plain.value < late.value < 5.0
 
 
 def test_a_ratio_is_corrected_towards_one():

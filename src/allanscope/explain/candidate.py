@@ -213,7 +213,8 @@ def _corrected(candidate: Candidate) -> Parameter | None:
     size: Estimate = getattr(kind, kind.sized_by)
     if not (size.value != kind.size_of_none and size.error > 0.0):
         return None
-    return _plain(given_detection(size, candidate.penalty, candidate.gain, kind.size_of_none))
+    penalty = candidate.penalty - kind.form_price
+    return _plain(given_detection(size, penalty, candidate.gain, kind.size_of_none))
 
 
 def _plain(parameter: Parameter) -> Parameter:

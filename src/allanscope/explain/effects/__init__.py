@@ -232,6 +232,11 @@ class EffectKind(ABC):
         return self.meaning
 
     @property
+    def form_price(self) -> float:
+        """Nats of its price that were paid for its form: a simpler one was found for less."""
+        return 0.0
+
+    @property
     def brief(self) -> str:
         """A phrase for a line of its own; empty where the parameters say all."""
         return ""

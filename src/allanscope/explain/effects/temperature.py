@@ -130,6 +130,12 @@ class Temperature(EffectKind):
             words += f", or the board tilts by {np.degrees(tilt):.2g} deg/degC"
         return words
 
+    @property
+    def form_price(self) -> float:
+        """What a lag and a curve had to gain, beyond what found the slope."""
+        late, bent = self.lag is not None, self.curvature is not None
+        return late * _LAG_PRICE + bent * _CURVE_PRICE
+
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit a slope, then a lag and a curvature where each gains its price."""
@@ -227,7 +233,7 @@ class Temperature(EffectKind):
 
     def extended(self, view: View) -> Candidate:
         """Return the likeliest of the forms that pay for what they have more than a slope."""
-        best, price = self, 0.0
+        best = self
         refused: Callable[[Temperature, View, float], Temperature] | None = None
         gain = best.gain(view)
         for extend, paid in ((_late, _LAG_PRICE), (_bent, _CURVE_PRICE), (_late, _LAG_PRICE)):
@@ -236,21 +242,21 @@ class Temperature(EffectKind):
             trial = extend(best, view, gain + paid)
             more = trial.gain(view) - gain if trial is not best else 0.0
             if more > paid:
-                best, gain, price, refused = trial, gain + more, price + paid, None
+                best, gain, refused = trial, gain + more, None
             else:
                 refused = refused or extend
         if best.lag is not None and best.curvature is not None:
             best = _late(replace(best, lag=None), view, 0.0)  # the one was found without the other
-        return best.ranked(view, price)
+        return best.ranked(view)
 
     def gain(self, view: View) -> float:
         """Return what it gains, sizes and noise fitted."""
         return joint_fit(view, self.terms(view), rounds=5).gain
 
-    def ranked(self, view: View, price: float) -> Candidate:
+    def ranked(self, view: View) -> Candidate:
         """Fit the sizes and the noise together."""
         fit = joint_fit(view, self.terms(view))
-        bare = Candidate(self, fit.gain, price)
+        bare = Candidate(self, fit.gain, self.form_price)
         return replace(bare, finish=partial(self._finished, view, bare, fit))
 
     def _finished(

@@ -72,11 +72,11 @@ def interleaved(
         True when a few blocks hold all of it even so.
     block : ndarray of int64, optional
         Number of the block, from 0 on, of places that are evenly apart in time, m + 1 or more;
-        without it, of every row in blocks of one second.
+        without it, of every row in blocks of one second, or of one row where that is longer.
     """
     m = columns.shape[1]
     if block is None:
-        block = (np.arange(view.grid.n) / (_BLOCK_S * view.grid.rate_hz)).astype(np.int64)
+        block = (np.arange(view.grid.n) / max(1.0, _BLOCK_S * view.grid.rate_hz)).astype(np.int64)
         m = view.grid.n - 1
     n = len(block)
     # What is left out of the fit is left out here: a loud tone would be taken for white noise.
@@ -103,7 +103,7 @@ def interleaved(
     return HeldOut(
         nats=fit.gain - max(optimism, 0.0),
         error=error,
-        design="interleaved blocks of 1 s",
+        design=f"interleaved blocks of {max(_BLOCK_S, 1 / view.grid.rate_hz):.3g} s",
         replicated=_replicated(signals, white) if recurs else None,
     )
 

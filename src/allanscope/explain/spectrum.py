@@ -58,8 +58,9 @@ _DARK = 3e-3
 measured by."""
 _OUT = 0.025
 """Probability on each side of the interval of a place."""
-_AROUND_S = 30.0
-"""A level is compared over so many seconds: noise farther away does not move it."""
+_AROUND_S, _AROUND_ROWS = 30.0, 200
+"""A level is compared over so many seconds: noise farther away does not move it. The power of so
+many rows at the least scatters by an eighth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,7 +443,7 @@ def local_power_ratio(data: Array, rate_hz: float, first: int, last: int) -> flo
 
     Where it is clearly louder before, between or after them, that part decides.
     """
-    reach = int(_AROUND_S * rate_hz)
+    reach = max(int(_AROUND_S * rate_hz), _AROUND_ROWS)
     squares = np.diff(data) ** 2
     everywhere = float(np.mean(squares))
     if everywhere <= 0:

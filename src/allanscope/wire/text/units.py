@@ -27,6 +27,7 @@ __all__ = [
     "assumed_as",
     "gyro_unit",
     "quantity_named",
+    "shows_gravity",
     "unit_by_gravity",
     "unit_of_text",
 ]
@@ -38,7 +39,11 @@ DIVISORS: Mapping[Quantity, Mapping[str, float]] = {
         **{"dps": 1.0, "deg/s": 1.0, "mdps": 1e3, "deg/h": 3600.0},
         **{"rad/s": math.radians(1.0), "mrad/s": 1e3 * math.radians(1.0), "lsb": 1.0},
     },
-    "accel": {"g": 1.0, "mg": 1e3, "ug": 1e6, "m/s2": GRAVITY, "mps2": GRAVITY, "lsb": 1.0},
+    "accel": {
+        **{"g": 1.0, "mg": 1e3, "ug": 1e6, "m/s2": GRAVITY, "mps2": GRAVITY, "lsb": 1.0},
+        **{"mm/s2": 1e3 * GRAVITY, "cm/s2": 1e2 * GRAVITY, "gal": 1e2 * GRAVITY},
+        "mgal": 1e5 * GRAVITY,
+    },
     "time": {"s": 1.0, "sec": 1.0, "ms": 1e3, "100us": 1e4, "us": 1e6, "ns": 1e9},
     "temperature": {"degc": 1.0, "c": 1.0},
 }
@@ -58,6 +63,7 @@ _OTHER_SPELLINGS = {
     **dict.fromkeys(("deg/sec", "degree/s", "degrees/s", "degps"), "deg/s"),
     **dict.fromkeys(("deg/hr", "deg/hour", "degree/h", "degrees/hour", "dph"), "deg/h"),
     **dict.fromkeys(("m/s/s", "m/sec2", "ms2"), "m/s2"),
+    **{"cm/s/s": "cm/s2", "mm/s/s": "mm/s2"},
     **dict.fromkeys(("seconds", "second"), "s"),
     **dict.fromkeys(("count", "counts", "raw", "digit", "digits"), "lsb"),
 }
@@ -108,6 +114,8 @@ def unit_of_text(text: str) -> str:
     ['deg/h', 'deg/h']
     >>> [unit_of_text(unit) for unit in ("rad s^-1", "m s^-2", "rad/sec", "rads", "m/s/s")]
     ['rad/s', 'm/s2', 'rad/s', 'rad/s', 'm/s2']
+    >>> [unit_of_text(unit) for unit in ("Gal", "cm/s^2", "cm s^-2")]
+    ['gal', 'cm/s2', 'cm/s2']
     """
     text = text.strip().lower()
     for written, plain in _WRITTEN:
@@ -222,14 +230,8 @@ def unit_by_gravity(values: NDArray[Any], *, counts: bool = False) -> str:
     """
     rows = np.asarray(values, np.float64)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    if len(rows) == 0:
-        return ""
-    with np.errstate(over="ignore"):  # a damaged number may be of any size
-        norm = np.sqrt((rows**2).sum(axis=1))
-    size = float(np.median(norm))
-    if not np.isfinite(size) or size <= 0.0:
-        return ""
-    if float(np.median(np.abs(norm - size))) > _STEADY * size:
+    size = _steady_size(_norms(rows))
+    if size <= 0.0:
         return ""
     whole, complete = bool((rows == np.trunc(rows)).all()), rows.shape[1] == 3
     for unit, gravity in _GRAVITY.items():
@@ -238,6 +240,42 @@ def unit_by_gravity(values: NDArray[Any], *, counts: bool = False) -> str:
     if counts and whole and any(abs(size * s - 1.0) < _OFF for s in ACCEL_SCALES.values()):
         return "lsb"
     return ""
+
+
+def shows_gravity(values: NDArray[Any]) -> bool:
+    """Return whether an accelerometer weighs what it rests with, whatever the unit and its scale.
+
+    It then never reads 0 on all three axes: such a row was not read from it, but made by a logger
+    that had nothing.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 3)
+        Some rows of its three axes; those of zeros do not count.
+
+    Examples
+    --------
+    >>> shows_gravity(np.array([[0.1, -0.2, 9.79], [0.0, 0.0, 0.0], [0.1, -0.2, 9.80]]))
+    True
+    >>> shows_gravity(np.array([[0.01, 0.0, 0.02], [0.0, 0.0, 0.0], [-0.01, 0.01, 0.0]]))
+    False
+    """
+    rows = np.asarray(values, np.float64)
+    norm = _norms(rows[np.isfinite(rows).all(axis=1) & rows.any(axis=1)])
+    return _steady_size(norm) > 0.0
+
+
+def _norms(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    with np.errstate(over="ignore"):  # a damaged number may be of any size
+        return np.asarray(np.sqrt((rows**2).sum(axis=1)))
+
+
+def _steady_size(norm: NDArray[np.float64]) -> float:
+    """Return the median of norms that hardly scatter; 0 where they do, or there are none."""
+    size = float(np.median(norm)) if len(norm) else 0.0
+    if not np.isfinite(size) or float(np.median(np.abs(norm - size))) > _STEADY * size:
+        return 0.0
+    return size
 
 
 def accel_comes_first(values: NDArray[Any]) -> bool:

@@ -283,6 +283,14 @@ def test_a_result_and_a_curve_are_one_line_at_the_prompt():
     assert repr(curve) == "<Deviation oadev: 2 averaging times, 0.5 to 1 s>"
 
 
+def test_a_row_of_zeros_beside_gravity_is_a_lost_sample():
+    values = 0.01 * np.random.default_rng(5).normal(size=(4000, 6)) + [0, 0, 0, 0, 0, 1]
+    values[[700, 701, 2900]] = 0.0
+    result = analyse(values, rate=100.0)
+    assert "3 rows have zeros only, taken as lost samples" in result.assumptions
+    assert result.axes["az"].coefficients["N"].value == pytest.approx(0.01 / 10, rel=0.05)
+
+
 def test_nan_in_an_array_is_a_lost_sample(tmp_path, capsys):
     """In memory, in a file on the command line, on one axis of several: the curve of an array."""
     noise = np.random.default_rng(5).normal(size=(4000, 3))

@@ -1,4 +1,4 @@
-"""Rows of text with blank cells or NaN, where no time tells that samples are missing."""
+"""Rows of text without values, where no time tells that samples are missing."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_a_row_without_its_values_is_a_lost_sample(
     assert decoder.stats.lost_samples == 4
     said = [event.text for event in found if isinstance(event, Notice)]
     assert said == [
-        "sample 41: the row before it has blank cells or NaN: a lost sample",
-        "sample 153: the 3 rows before it have blank cells or NaN: lost samples",
+        "sample 41: the row before it has blank cells, NaN or zeros only: a lost sample",
+        "sample 153: the 3 rows before it have blank cells, NaN or zeros only: lost samples",
     ]
 
 
@@ -78,3 +78,32 @@ def test_times_tell_what_is_lost_where_there_are_any(monkeypatch: pytest.MonkeyP
     rows = [f"{i / 100:.2f},{row}" for i, row in enumerate(lines(400, {40: "nan,nan,nan"}))]
     found, _ = events(rows, monkeypatch, 1 << 40, header=f"t[s],{HEADER}")
     assert [gap.lost for gap in found if isinstance(gap, Gap)] == [1]
+
+
+GRAVITY = "gx[dps],gy[dps],gz[dps],ax[g],ay[g],az[g]"
+
+
+def rows_of_six(count: int, zeros: set[int], level: float) -> list[str]:
+    rng = np.random.default_rng(6)
+    rows = np.round(rng.normal(size=(count, 6)) * [0.1, 0.1, 0.1, 0.01, 0.01, 0.01], 3)
+    rows[:, 5] += level
+    return [",".join(["0"] * 6 if i in zeros else map(str, rows[i])) for i in range(count)]
+
+
+@pytest.mark.parametrize("together", [1, 1 << 40], ids=["lines", "tables"])
+def test_a_row_of_zeros_is_lost_where_the_sensor_weighs_something(
+    together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A logger that had nothing wrote zeros: a comb of lines, and outliers of 1 g."""
+    zeros = {10, 40, 200, 201}
+    found, decoder = events(rows_of_six(400, zeros, 1.0), monkeypatch, together, header=GRAVITY)
+    assert [gap.lost for gap in found if isinstance(gap, Gap)] == [1, 1, 2]
+    assert (decoder.stats.samples, decoder.stats.lost_samples) == (396, 4)
+
+
+def test_a_row_of_zeros_is_a_sample_where_gravity_was_taken_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found, decoder = events(rows_of_six(400, {40}, 0.0), monkeypatch, 1 << 40, header=GRAVITY)
+    assert not [event for event in found if isinstance(event, Gap)]
+    assert decoder.stats.samples == 400

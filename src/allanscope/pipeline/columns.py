@@ -20,6 +20,7 @@ from allanscope.wire.text import (
     columns_of,
     gyro_unit,
     quantity_named,
+    shows_gravity,
     unit_by_gravity,
 )
 
@@ -184,11 +185,19 @@ def _plain(column: Column) -> str:
 
 
 def _without_missing(columns: Columns) -> Columns:
-    """Return the rows in which every axis has a number; NaN is a lost sample."""
-    missing = np.zeros(len(next(iter(columns.axes.values()))), np.bool_)
+    """Return the rows in which every axis has a number; NaN is a lost sample.
+
+    So is a row of zeros, where an accelerometer shows gravity.
+    """
+    blank, zeros = (np.full(len(next(iter(columns.axes.values()))), of) for of in (False, True))
     for values in columns.axes.values():
         if values.dtype.kind == "f":
-            missing |= np.isnan(values)
+            blank |= np.isnan(values)
+        zeros &= values == 0
+    accel = [columns.axes[axis][:LOOKED_AT] for axis in AXES[3:] if axis in columns.axes]
+    if len(accel) < 3 or not shows_gravity(np.column_stack(accel)):
+        zeros[:] = False
+    missing = blank | zeros
     count = int(missing.sum())
     if count == 0:
         return columns
@@ -199,13 +208,14 @@ def _without_missing(columns: Columns) -> Columns:
     places = np.flatnonzero(before)
     lost = dict(zip((places + 1).tolist(), before[places].tolist(), strict=True))
     time_s, temperature_c = columns.time_s, columns.temperature_c
+    what = " or ".join(w for w, there in (("NaN", blank), ("zeros only", zeros)) if there.any())
     rows = "row has" if count == 1 else "rows have"
     return replace(
         columns,
         axes={axis: values[kept] for axis, values in columns.axes.items()},
         time_s=None if time_s is None else time_s[kept],
         temperature_c=None if temperature_c is None else temperature_c[kept],
-        assumed=(*columns.assumed, f"{count} {rows} NaN, taken as lost samples"),
+        assumed=(*columns.assumed, f"{count} {rows} {what}, taken as lost samples"),
         lost=lost if time_s is None else {},
     )
 

@@ -5,9 +5,9 @@ first few of them, so the first 25 are held back until a format has decided (of 
 where their times come unevenly); then come the StreamInfo and the Blocks. Losses are told by the
 time stamps where there are any (`continuity`); where there are none, a damaged row leaves a gap of
 unknown length. On a line that damages rows one that its neighbours contradict is left out as
-suspect (`plausibility`). A row with blank cells or NaN is a lost sample: times beside it
-tell, or its place where there are none, unless most rows are like that because a device prints
-several rates in one table.
+suspect (`plausibility`). A row with blank cells or NaN is a lost sample, and so is one of zeros
+where an accelerometer shows gravity: times beside it tell, or its place where there are none,
+unless most rows are like that because a device prints several rates in one table.
 
 Of a file, where nobody sees the gaps as they come, the first rows that were left out and the first
 places where the time goes back are also said.
@@ -321,11 +321,11 @@ def _blank_remark(count: int) -> str:
     """Return what to say of rows without all their values.
 
     >>> _blank_remark(2)
-    'the 2 rows before it have blank cells or NaN: lost samples'
+    'the 2 rows before it have blank cells, NaN or zeros only: lost samples'
     """
     if count == 1:
-        return "the row before it has blank cells or NaN: a lost sample"
-    return f"the {count} rows before it have blank cells or NaN: lost samples"
+        return "the row before it has blank cells, NaN or zeros only: a lost sample"
+    return f"the {count} rows before it have blank cells, NaN or zeros only: lost samples"
 
 
 class _Again:

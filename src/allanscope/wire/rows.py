@@ -86,6 +86,8 @@ class Interpretation:
     needed : tuple of int
         Columns without which a row is no sample: where devices print several rates in one table,
         most rows have empty cells.
+    zeros_are_blank : bool
+        Whether a row of zeros has no values either, as an accelerometer among them shows gravity.
     time_per_second : float
         By what to divide the times of the rows, where only now their unit is known; NaN where
         they are not to be used.
@@ -99,6 +101,7 @@ class Interpretation:
     convert: Convert
     fits_another: Callable[[Values], bool] = lambda _: False
     needed: tuple[int, ...] = ()
+    zeros_are_blank: bool = False
     time_per_second: float = 1.0
     farthest_s: float | None = None
     remarks: tuple[str, ...] = ()
@@ -172,7 +175,7 @@ class RowTable:
 
     def whole(self, interpretation: Interpretation) -> RowTable:
         """Return the rows that have all that is needed; the others are blank ones before them."""
-        there = np.isfinite(self.values[:, list(interpretation.needed)]).all(axis=1)
+        there = self._has_all(interpretation)
         if there.all():
             return self
         at = np.flatnonzero(there)
@@ -186,9 +189,16 @@ class RowTable:
 
     def blank_at_end(self, interpretation: Interpretation) -> int:
         """Return how many rows there were after the last one that has all that is needed."""
-        there = np.isfinite(self.values[:, list(interpretation.needed)]).all(axis=1)
+        there = self._has_all(interpretation)
         begin = int(np.flatnonzero(there)[-1]) + 1 if there.any() else 0
         return len(self) - begin + int(self.blank_before[begin:].sum())
+
+    def _has_all(self, interpretation: Interpretation) -> NDArray[np.bool_]:
+        values = self.values[:, list(interpretation.needed)]
+        there = np.isfinite(values).all(axis=1)
+        if interpretation.zeros_are_blank:
+            there = there & values.any(axis=1)
+        return np.asarray(there)
 
     def ticks(self) -> Ticks:
         """Return the times and temperatures; none at all when the rows have none."""

@@ -40,6 +40,7 @@ from allanscope.wire.text.units import (
     assumed_as,
     gyro_unit,
     quantity_named,
+    shows_gravity,
     unit_by_gravity,
 )
 
@@ -59,6 +60,7 @@ __all__ = [
     "gyro_unit",
     "quantity_named",
     "sensor_of_name",
+    "shows_gravity",
     "unit_by_gravity",
     "why_no_rows",
 ]

@@ -25,6 +25,7 @@ from allanscope.wire.text.units import (
     assumed_as,
     gyro_unit,
     quantity_named,
+    shows_gravity,
     unit_by_gravity,
 )
 from allanscope.wire.timestamps import (
@@ -204,6 +205,7 @@ class TextInterpreter:
             info,
             lambda new: _converted(new[:, columns], divisors, counted),
             needed=tuple(columns.tolist()),
+            zeros_are_blank=axes[-3:] == AXES[3:] and shows_gravity(values[:, columns[-3:]]),
             time_per_second=timing.per_second,
             farthest_s=timing.farthest_s,
             remarks=tuple(dict.fromkeys(remarks)),

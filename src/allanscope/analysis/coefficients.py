@@ -262,12 +262,17 @@ def add_coupled(
 
 
 def _by_form(fit: Fit, held: float) -> tuple[float, float]:
-    """Return mean and standard deviation of the change of ln N by other forms of its bands."""
+    """Return mean and standard deviation of the change of ln N by other forms of its bands.
+
+    A line that moves has no other form.
+    """
     components, dt = fit.model.components, fit.model.dt
     least = _TELLING * _flat_power(fit.model, held)
     bands = [
         i for i, c in enumerate(components) if c.band is not None and not isinstance(c, MovingLine)
     ]
+    if not bands:
+        return 0.0, 0.0
     shapes = sorted(free for free in fit.model.shapes if free.part in bands)
     first = climb(fit, shapes, _WITHIN)
     mean = variance = 0.0

@@ -24,9 +24,9 @@ from allanscope.noise import Coefficient, NoiseModel
 from allanscope.noise.filters import Remainder
 from allanscope.quantities import COEFFICIENTS, duration, number, symbols
 
-__all__ = ["limited_by_curve"]
+__all__ = ["SLOW", "limited_by_curve"]
 
-_SLOW = ("B", "K")
+SLOW = ("B", "K")
 """Coefficients of what adds most at the longest averaging times."""
 
 
@@ -48,7 +48,7 @@ def limited_by_curve(
     """
     out, remarks = dict(coefficients), []
     usable = curve.trusted & np.isfinite(curve.upper) & (curve.upper > 0)
-    slow = [letter for letter in _SLOW if letter in out and out[letter].detected]
+    slow = [letter for letter in SLOW if letter in out and out[letter].detected]
     if not (slow and usable.any()):
         return out, ()
     named = model.without(Remainder.symbol)  # which takes away again what B and K have too much

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from allanscope.analysis.findings import event_times
 from allanscope.history import Record
 from allanscope.parts import Part
+from allanscope.samples import unit_of
 from allanscope.watch import Event
 
 if TYPE_CHECKING:
     from allanscope.explain import Explanation
-    from allanscope.noise import Coefficient
+    from allanscope.noise import Coefficient, NoiseFit
 
 __all__ = ["Undisturbed", "longest_stretch", "undisturbed"]
 
@@ -131,5 +134,24 @@ def undisturbed(
     # Noise below half a step is what the distance of the level from the end of its code makes it.
     coarse = {a for a, o in searched.items() if any(e.kind == "quantization" for e in o.effects)}
     told = [axis for axis in fits if axis not in coarse]
-    found = {axis: published_coefficients(axis, fits, searched) for axis in told}
+    found = {
+        axis: _limited(inside, axis, fits[axis], published_coefficients(axis, fits, searched))
+        for axis in told
+    }
     return Undisturbed(begin_s, end_s, found) if found else None
+
+
+def _limited(
+    record: Record, axis: str, fit: NoiseFit, coefficients: Mapping[str, Coefficient]
+) -> Mapping[str, Coefficient]:
+    """Return the coefficients of a stretch; B and K as far as its own curve allows them."""
+    from allanscope.allan import deviation
+    from allanscope.analysis.curve_limits import SLOW, limited_by_curve
+
+    if not any(coefficients[letter].detected for letter in SLOW):
+        return coefficients
+    values = record.values[:, record.axes.index(axis)]
+    apart = np.insert(values, record.segments[1:, 0], np.nan)  # no term spans a gap
+    rows = deviation(apart, record.rate_hz, exact=False)
+    curve = replace(rows, m=rows.m * record.stride)
+    return limited_by_curve(unit_of(axis), coefficients, fit.model, curve)[0]

@@ -106,21 +106,33 @@ def _band(part: Part) -> tuple[float, float] | None:
 
 
 def _has_stayed(candidate: Candidate, fit: Fit, places: Places) -> bool:
-    """Return whether the bands of an effect are in a fit what they were, and not above the top."""
+    """Return whether bands and filters are in a fit what they were, and no band above the top."""
     top = fit.likelihood.evidence[0].frequency[-1]
     pairs = [(part, fit.model.parts[places[id(part)]]) for part in candidate.parts]
     bands = [band for _, part in pairs if (band := _band(part)) is not None]
-    return all(_is_same(*pair, _FAR) for pair in pairs) and all(f0 < top for f0, _ in bands)
+    return all(_is_same(*pair, _FAR, fit.model.dt) for pair in pairs) and all(
+        f0 < top for f0, _ in bands
+    )
 
 
-def _is_same(part: Part, other: Part, far: float) -> bool:
-    """Return whether a band is where another is, and about as wide."""
+def _is_same(part: Part, other: Part, far: float, dt: float) -> bool:
+    """Return whether a band is where another is, and about as wide; so of the corner of a filter.
+
+    A filter alone has no corner where nothing is measured. Among bands it might be moved there, to
+    be a slope that serves them.
+    """
     old, new = _band(part), _band(other)
     if old is None or new is None:
-        return True
+        return isinstance(part, Component) or _is_near(part.corners(dt), other.corners(dt))
     (f0, width), (centre, wide) = old, new
     near = abs(centre - f0) <= max(width, wide) / 2
     return near and abs(np.log(wide / width)) <= far and wide <= BROADEST * centre
+
+
+def _is_near(corners: Sequence[float], others: Sequence[float]) -> bool:
+    return len(corners) == len(others) and all(
+        abs(np.log(one / other)) <= _FAR for one, other in zip(corners, others, strict=True)
+    )
 
 
 def _with_likeliest_forms(fit: Fit, movable: Sequence[Candidate], places: Places) -> Fit:
@@ -134,7 +146,7 @@ def _with_likeliest_forms(fit: Fit, movable: Sequence[Candidate], places: Places
         for found in other_forms(fit, place, shapes, _WITHIN):
             pairs = zip(fit.model.parts, found.model.parts, strict=True)
             is_likelier = found.loglik > max(best.loglik, fit.loglik + _ANOTHER)
-            if is_likelier and all(_is_same(*pair, _FORMED) for pair in pairs):
+            if is_likelier and all(_is_same(*pair, _FORMED, fit.model.dt) for pair in pairs):
                 best = found
         fit = best
     return fit

@@ -17,7 +17,7 @@ from allanscope.analysis.result import ModelCurve, Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record
 from allanscope.noise import Coefficient, CoefficientPart, fit_noise
-from allanscope.noise.components import GaussMarkov, Narrowband, WanderingLine
+from allanscope.noise.components import GaussMarkov, MovingLine, Narrowband, WanderingLine
 from allanscope.noise.fit import Known
 from allanscope.pipeline.check import compare
 from allanscope.simulator import Truth
@@ -64,6 +64,25 @@ def test_a_short_process_is_part_of_n(short):
     assert found.white_alone.value == pytest.approx(0.8e-3, rel=0.03)
     assert found.decoupled is None
     assert not any("by the fit" in remark for remark in axis.remarks)
+
+
+def test_a_line_that_moves_far_is_part_of_n_and_has_no_other_form():
+    """It is white at 1 Hz and below, like a broad band; asked for its forms, it failed the axis."""
+    rng = np.random.default_rng(12)
+    sigma, bandwidth = 10e-3, 20.0
+    centres = (8.0, 14.0)
+    turn = np.exp(-(np.pi * bandwidth + 2j * np.pi * np.repeat(centres, SAMPLES // 4)) / RATE)
+    wave, now = np.empty(SAMPLES // 2), 0j
+    for i, kick in enumerate(rng.normal(size=(SAMPLES // 2, 2)) @ [1, 1j]):
+        now = turn[i] * now + np.sqrt(1 - abs(turn[i]) ** 2) * sigma * kick
+        wave[i] = now.real
+    line = MovingLine(1.0, 11.0, bandwidth, (-3.0, 3.0))
+    found = total_white(
+        fit_noise(one_axis(white(rng, 1e-3, len(wave)) + wave), "gx", known=Known((line,)))
+    )
+    level = line.with_power(sigma**2).density(np.zeros(1), 1 / RATE)[0] / 2
+    assert found.lower < np.sqrt(1e-6 + level) < found.upper
+    assert found.white_alone.value == pytest.approx(1e-3, rel=0.05)
 
 
 def test_the_interval_of_the_sum_holds():

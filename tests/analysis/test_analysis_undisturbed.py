@@ -15,6 +15,8 @@ from allanscope.analysis.findings import event_times
 from allanscope.analysis.undisturbed import longest_stretch, undisturbed
 from allanscope.explain import Effect, Parameter, explain
 from allanscope.history import Record
+from allanscope.noise import Coefficient, NoiseModel
+from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.report import render
 from allanscope.view import summary_lines
 from allanscope.view.change_log import Trends
@@ -66,6 +68,21 @@ def test_the_coefficients_are_those_of_the_quiet_part() -> None:
     white = found.axes["gx"]["N"]
     assert white.lower < 1e-3 < white.upper
     assert white.value == pytest.approx(1e-3, rel=0.05)
+
+
+def test_a_floor_that_the_quiet_part_does_not_show_is_a_limit(monkeypatch) -> None:
+    """Fitted to what was found beside lines that are not there: the curve of the part is lower."""
+    model = NoiseModel((White(1e-3), Flicker(0.05), RandomWalk(1e-9)), 0.1)
+    sized = {k: Coefficient(v, 0.9 * v, 1.1 * v, "", True) for k, v in
+             (("N", 1e-3), ("B", 0.05), ("K", 1e-9))}  # fmt: skip
+    monkeypatch.setattr("allanscope.noise.fit_noise", lambda *_, **__: SimpleNamespace(model=model))
+    published = "allanscope.analysis.coefficients.published_coefficients"
+    monkeypatch.setattr(published, lambda *_: sized)
+    loud = event("variance_change", 200.0, 800.0, 3.0)
+    found = undisturbed([loud], record(slice(2000, 8000))).axes["gx"]
+    assert not found["B"].detected
+    assert found["B"].upper < 1e-3
+    assert found["N"] == sized["N"]
 
 
 def test_what_is_there_all_along_is_no_noise_of_the_quiet_part() -> None:

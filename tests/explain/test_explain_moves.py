@@ -33,6 +33,7 @@ from allanscope.explain.gates import (
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves import add as moves_of_adding
 from allanscope.explain.moves import drop as moves_of_dropping
+from allanscope.explain.moves import settle as settling
 from allanscope.explain.moves.add import add, add_bundle, proposals, with_rivals
 from allanscope.explain.moves.add_bands import add_bands
 from allanscope.explain.moves.drop import drop, drop_taken_over, refuse
@@ -46,7 +47,7 @@ from allanscope.explain.series import Series
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as CorrelatedNoise
 from allanscope.noise.components import LineProfile, White
-from allanscope.noise.filters import Filter, MovingAverage, OnePole
+from allanscope.noise.filters import Filter, HighPass, MovingAverage, OnePole
 
 Array = NDArray[np.float64]
 
@@ -231,6 +232,16 @@ def test_what_is_known_of_data_stays_where_they_do() -> None:
     spectrum = without_it.spectrum
     named = without_it.relisted(replace(c, rivals={"narrowband": 9.0}) for c in without_it.accepted)
     assert named.spectrum is spectrum
+
+
+@pytest.mark.parametrize(
+    ("corner", "stays"), [(40.0, True), (90.0, True), (130.0, False), (3000.0, False)]
+)
+def test_a_corner_stays_where_it_was_measured(corner, stays) -> None:
+    """Among bands a high-pass was moved to 3 kHz, in a record of 500 Hz, to be a slope for them."""
+    before, after = HighPass(40.0), HighPass(corner)
+    assert settling._is_same(before, after, settling._FAR, 1 / 500) is stays
+    assert settling._is_same(CorrelatedNoise(1.0, 0.1), CorrelatedNoise(1.0, 9.0), 0.1, 1 / 500)
 
 
 def test_what_is_settled_stays_so_after_what_changes_no_model() -> None:

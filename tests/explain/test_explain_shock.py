@@ -309,6 +309,22 @@ def test_an_end_of_the_record_that_is_off_the_level_is_taken_out(bench, end, off
     assert not found["gy"].effects
 
 
+@pytest.mark.parametrize("end", ["first", "last"])
+def test_a_knock_in_the_last_rows_is_found_whatever_their_number(bench, end):
+    """Of 33061 rows 61 are left out, for a quick transform: those without the knock."""
+    b = bench(742, 33061 / 52.0 + 0.001)
+    n = len(b.t)
+    assert n == 33061
+    ringing = 0.4 * np.exp(-np.arange(40) / 12) * np.cos(np.arange(40))
+    knock = np.zeros(n)
+    knock[slice(15, 55) if end == "first" else slice(-55, -15)] = ringing
+    axes = explain(b.record(b.noise() + knock, b.noise() + 0.5 * knock)).axes
+    for name in ("gx", "gy"):
+        effect = next(effect for effect in axes[name].effects if effect.kind == "shock")
+        time = effect.parameters["time"].value
+        assert (time < 1.5) if end == "first" else (time > (n - 60) / 52.0)
+
+
 @pytest.mark.parametrize("tau_s", [5.0, 60.0])
 def test_a_warm_up_is_no_end_that_is_off(bench, tau_s):
     b = bench(612, 600.0)

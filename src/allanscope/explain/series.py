@@ -75,6 +75,9 @@ SHORTEST_S = 10.0
 """Effects are held out in blocks of a second: of fewer than ten, nothing can be told."""
 _MANY_GAPS = 10
 """Gaps from which not the length of a record but the loss of rows is why no stretch is long."""
+_BESIDE, _OFTEN, _AWAY = 2000, 0.99, 3.0
+"""Rows beside the ends of a record, a distance from their median that few exceed, and how much
+farther is away from it: eight standard deviations."""
 _LONGEST_PERIOD = 256
 """Rows after which a pattern may begin anew: noise never does."""
 _FULL_SCALE = 32767
@@ -467,30 +470,43 @@ def series_of(record: Record) -> Series:
     if record.filled is not None:
         bridged[row] = record.filled[taken]
     warmth = _temperature(record.temperature_c[taken], row, size, remarks)
-    whole = _transformable(size)
+    kept = _transformable(grid)
     return Series(
         axes=record.axes,
-        values=np.asfortranarray(grid[:whole]),  # a search takes one axis at a time
+        values=np.asfortranarray(grid[kept]),  # a search takes one axis at a time
         rate_hz=record.rate_hz,
         stride=record.stride,
         lsb=record.lsb,
-        temperature_c=None if warmth is None else warmth[:whole],
-        bridged=bridged[:whole],
-        start_s=float(record.start_s[taken.start]),
+        temperature_c=None if warmth is None else warmth[kept],
+        bridged=bridged[kept],
+        start_s=float(record.start_s[taken.start]) + kept.start / record.rate_hz,
         remarks=tuple(remarks),
-        rows=rows,
+        rows=rows - kept.start,
         gaps=gaps,
     )
 
 
-def _transformable(size: int) -> int:
-    """Return how many of so many rows to take: a length whose cosine transform is quick.
+def _transformable(grid: Array) -> slice:
+    """Return which rows of a grid to take: of a length whose cosine transform is quick.
 
     Of a million rows a transform takes 10 ms when the length has no prime factor above 11, and up
-    to 150 ms otherwise; a search has hundreds of them. The rows left out at the end are one
-    in a thousand, and never more than one in a hundred.
+    to 150 ms otherwise; a search has hundreds of them. The rows left out are one in a thousand, and
+    never more than one in a hundred. They are the last, or the first where the last show that
+    somebody has reached for the board, which is to be found.
     """
-    return size if size < _LONG else int(prev_fast_len(size))
+    size = len(grid)
+    whole = size if size < _LONG else int(prev_fast_len(size))
+    left = size - whole
+    at_front = left > 0 and _is_away(grid[::-1], left) and not _is_away(grid, left)
+    return slice(left, size) if at_front else slice(0, whole)
+
+
+def _is_away(grid: Array, first: int) -> bool:
+    """Return whether the first rows of a grid are, on any axis, away from those after them."""
+    beside = grid[first : first + _BESIDE]
+    level = np.median(beside, axis=0)
+    usual = np.quantile(np.abs(beside - level), _OFTEN, axis=0)
+    return bool((np.abs(grid[:first] - level) > _AWAY * usual).any())
 
 
 def _bridge(values: Array, row: NDArray[np.int64], size: int) -> tuple[Array, NDArray[np.bool_]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -127,3 +129,22 @@ def test_a_record_in_bursts_is_told_that_its_gaps_are_why():
     why = explain(record).axes["gx"].hindrance
     assert "1 499 gaps" in why
     assert "too short" not in why
+
+
+def test_times_after_a_long_gap_are_those_of_the_run(bench):
+    """Only the rows behind it are searched; what happened there was told from their first on."""
+    b = bench(771, 1100.0)
+    rows = b.noise()
+    quiet, late = 200 * 52, 1000.0  # a gap of 1000 s after the first 200
+    t = b.t + late * (np.arange(len(b.t)) >= quiet)
+    loud = np.where((b.t > 800.0) & (b.t < 900.0), 2.0, 1.0)
+    record = replace(
+        b.record(rows * loud + 0.03 * (b.t > 600.0)),
+        start_s=t,
+        segments=np.array([[0, quiet], [quiet, len(rows)]], np.int64),
+    )
+    effects = {e.kind: e.parameters for e in explain(record).axes["gx"].effects}
+    assert set(effects) == {"step", "variance_change"}
+    assert effects["step"]["time"].value == pytest.approx(600.0 + late, abs=3.0)
+    assert effects["variance_change"]["start"].value == pytest.approx(800.0 + late, abs=3.0)
+    assert effects["variance_change"]["stop"].value == pytest.approx(900.0 + late, abs=3.0)

@@ -317,7 +317,7 @@ def test_a_knock_in_the_last_rows_is_found_whatever_their_number(bench, end):
     assert n == 33061
     ringing = 0.4 * np.exp(-np.arange(40) / 12) * np.cos(np.arange(40))
     knock = np.zeros(n)
-    knock[slice(15, 55) if end == "first" else slice(-55, -15)] = ringing
+    knock[slice(15, 55) if end == "first" else slice(-45, -5)] = ringing
     axes = explain(b.record(b.noise() + knock, b.noise() + 0.5 * knock)).axes
     for name in ("gx", "gy"):
         effect = next(effect for effect in axes[name].effects if effect.kind == "shock")

@@ -229,12 +229,19 @@ class View:
         """What steps and boxes of the level gain under the fitted noise, at every instant."""
         return StepScan(self.grid, self.ordinates, self.spectrum)
 
+    def time_at(self, row: float) -> float:
+        """Return the time of the run in s at which a row begins."""
+        return self.series.start_s + row / self.grid.rate_hz
+
+    def row_at(self, time_s: float) -> float:
+        """Return the row at a time of the run, which may have begun before the rows."""
+        return (time_s - self.series.start_s) * self.grid.rate_hz
+
     def rows_within(self, spans: Iterable[Span], margin_s: float = 0.0) -> Flags:
         """Tell which rows are within stretches of time, or as near to one as a margin."""
-        rate, start_s = self.grid.rate_hz, self.series.start_s
         within = np.zeros(self.grid.n, bool)
         for first, last in spans:
-            begin, stop = ((at - start_s) * rate for at in (first - margin_s, last + margin_s))
+            begin, stop = map(self.row_at, (first - margin_s, last + margin_s))
             within[max(0, round(begin)) : max(0, round(stop))] = True
         return within
 

@@ -99,7 +99,7 @@ class Excursion(PlacedSignal):
     @classmethod
     def between(cls, view: View, one_s: float, other_s: float) -> Candidate | None:
         """Return the box between two instants; None where it is too short for one."""
-        first, last = (row_after(t * view.grid.rate_hz) for t in sorted((one_s, other_s)))
+        first, last = (row_after(view.row_at(t)) for t in sorted((one_s, other_s)))
         shortest = _SHORTEST_FOUND_S * view.grid.rate_hz
         return cls._near(view, first, last) if last - first >= shortest else None
 
@@ -128,8 +128,8 @@ class Excursion(PlacedSignal):
 
     def from_end_s(self, view: View) -> float:
         """Return how far from an end of the record the box is."""
-        after = view.series.duration_s - self.time.value - self.duration.value
-        return min(self.time.value, after)
+        before = self.time.value - view.series.start_s
+        return min(before, view.series.duration_s - before - self.duration.value)
 
     def form(self, view: View) -> Array:
         """Return a box of height 1."""
@@ -143,8 +143,7 @@ class Excursion(PlacedSignal):
         return _column(view, *self._rows(view))
 
     def _rows(self, view: View) -> tuple[int, int]:
-        begin = self.time.value * view.grid.rate_hz
-        first = row_after(begin)
+        first = row_after(view.row_at(self.time.value))
         return first, first + round(self.duration.value * view.grid.rate_hz)
 
     @classmethod
@@ -159,7 +158,7 @@ class Excursion(PlacedSignal):
     ) -> Candidate:
         """Fit the size of a box from a row to before another, with the intervals of its borders."""
         rate, rows = view.grid.rate_hz, last - first
-        time = instant_before(first, begins or (first - 1.0, float(first)), rate)
+        time = instant_before(first, begins or (first - 1.0, float(first)), view)
         shortest, longest = lasts or (rows - 1.0, rows + 1.0)
         duration = Estimate(rows / rate, shortest / rate, longest / rate, "s")
         length = max(view.series.duration_s / _PENALTY_S, 1.0)

@@ -178,7 +178,7 @@ class Relaxation(Jump):
         amplitude = np.append(fit.amplitude, 0.0)
         if abs(amplitude[1]) <= _CREEPS * float(np.sqrt(covariance[1, 1])):  # 0, too
             return None
-        time = instant_before(row, ends, rate)
+        time = instant_before(row, ends, view)
         searched = cls.looked_at(view) + float(np.log(_BANK))
         none = Estimate(1.0, unit=view.unit)
         bare = Candidate(cls(time, none, Estimate(tc, unit="s"), none), fit.gain, searched)

@@ -155,7 +155,8 @@ class Shock(EffectKind):
         """
         rate = view.grid.rate_hz
         margin, longest = MARGIN_S * rate, LONGEST_PULSE_S * rate
-        rows = [time * rate for time in _ends(candidate.effect) or _stretch(candidate.effect, view)]
+        times = _ends(candidate.effect) or _stretch(candidate.effect)
+        rows = [view.row_at(time) for time in times]
         for shaken in view.series.shocks if rows else ():
             last = max(shaken.stop + margin, shaken.first + longest)
             within = shaken.first - margin <= rows[0] and rows[-1] <= last
@@ -195,10 +196,14 @@ class Shock(EffectKind):
         """Refuse changes of the level within it: what is left of a shock is one step at most."""
         del known
         times = _ends(other.effect)
-        first, stop = (row / view.grid.rate_hz for row in _extent(self, view))
-        first, stop = first - MARGIN_S, stop + MARGIN_S
-        is_within = bool(times) and all(first <= time <= stop for time in times)
-        has_one = any(first <= t <= stop for c in view.accepted for t in _ends(c.effect))
+        first, stop = _extent(self, view)
+        margin = MARGIN_S * view.grid.rate_hz
+
+        def is_inside(time: float) -> bool:
+            return first - margin <= view.row_at(time) <= stop + margin
+
+        is_within = bool(times) and all(map(is_inside, times))
+        has_one = any(is_inside(t) for c in view.accepted for t in _ends(c.effect))
         return "part of a shock" if is_within and (len(times) > 1 or has_one) else ""
 
 
@@ -211,7 +216,7 @@ def _shaken(view: View) -> Iterable[ShockRows]:
 
 
 def _ends(effect: EffectKind) -> list[float]:
-    """Return when an effect changes the level, in s from the first row; never for most kinds."""
+    """Return when an effect changes the level, in s; never for most kinds."""
     at, length = effect.parameters.get("time"), effect.parameters.get("duration")
     if not effect.is_piecewise or at is None:
         return []
@@ -219,17 +224,16 @@ def _ends(effect: EffectKind) -> list[float]:
     return times if length is None else [*times, times[0] + float(length.value)]
 
 
-def _stretch(effect: EffectKind, view: View) -> list[float]:
-    """Return when the noise begins and ends to be louder, in s from the first row."""
+def _stretch(effect: EffectKind) -> list[float]:
+    """Return when the noise begins and ends to be louder, in s."""
     ends = (effect.parameters.get(name) for name in ("start", "stop"))
-    return [float(one.value) - view.series.start_s for one in ends if one is not None]
+    return [float(one.value) for one in ends if one is not None]
 
 
 def _extent(effect: Shock, view: View) -> tuple[int, int]:
     """Return the first row of a shock and the one after its last."""
-    rate = view.grid.rate_hz
-    first = (effect.time.value - view.series.start_s) * rate
-    return round(first), round(first + effect.duration.value * rate)
+    first = view.row_at(effect.time.value)
+    return round(first), round(first + effect.duration.value * view.grid.rate_hz)
 
 
 def _goes_on(data: Array, first: int, stop: int, sigma: float) -> bool:

@@ -19,6 +19,7 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, PlacedSignal
 from allanscope.explain.effects.random_telegraph import RandomTelegraph
+from allanscope.explain.noise_level_border import instant_of
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.spectrum import StepScan, ends_of, local_power_ratio
 from allanscope.explain.view import View
@@ -43,13 +44,13 @@ _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
 
 
-def instant_before(row: int, ends: tuple[float, float], rate_hz: float) -> Estimate:
+def instant_before(row: int, ends: tuple[float, float], view: View) -> Estimate:
     """Return the instant of a jump of which the first row after it and the ends are known.
 
     Halfway between that row and the one before it, as any instant between is as likely.
     """
     middle = min(max(row - 0.5, ends[0]), ends[1])
-    return Estimate(middle / rate_hz, ends[0] / rate_hz, ends[1] / rate_hz, "s")
+    return instant_of((middle, *ends), view.grid.rate_hz, view.series.start_s)
 
 
 def row_after(instant: float) -> int:
@@ -89,7 +90,8 @@ class Jump(EffectKind):
 
     def from_end_s(self, view: View) -> float:
         """Return how far from an end of the record the jump is."""
-        return min(self.time.value, view.series.duration_s - self.time.value)
+        before = self.time.value - view.series.start_s
+        return min(before, view.series.duration_s - before)
 
     def local_power(self, view: View) -> float:
         """Return the power of the noise around the jump over that of all."""
@@ -110,7 +112,7 @@ class Jump(EffectKind):
 
     def row(self, view: View) -> int:
         """Return the first row after the jump."""
-        return row_after(self.time.value * view.grid.rate_hz)
+        return row_after(view.row_at(self.time.value))
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ class Step(Jump, PlacedSignal):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan the whole record."""
-        n, rate = view.grid.n, view.grid.rate_hz
+        n = view.grid.n
         edge, at = edge_of(view.grid), cls.places(view)
         if len(at) == 0:
             return []
@@ -145,7 +147,8 @@ class Step(Jump, PlacedSignal):
             if statistic[k] <= 1.0:
                 break
             start = int(at[k])
-            found.append((cls._at(view, Estimate.exact(start / rate, "s")), start))
+            time = Estimate.exact(view.time_at(start), "s")
+            found.append((cls._at(view, time), start))
             statistic[np.abs(at - start) < max(edge, n // 100)] = 0.0
         if not found:
             return []
@@ -185,7 +188,7 @@ class Step(Jump, PlacedSignal):
         early, late = view.series.gap_around(place.best)
         if early < late:  # where rows are missing it was at any time between those on both sides
             first, last = min(first, early - 1), max(last, late)
-        time = instant_before(place.best, (first, last), rate)
+        time = instant_before(place.best, (first, last), view)
         return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter).finished()
 
 

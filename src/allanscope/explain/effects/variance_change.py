@@ -182,9 +182,9 @@ def _edges(view: View) -> Iterator[float]:
     ):
         begin = float(getattr(effect, effect.located_by).value)
         duration = getattr(effect, "duration", None)
-        yield begin * view.grid.rate_hz
+        yield view.row_at(begin)
         if duration is not None:
-            yield (begin + duration.value) * view.grid.rate_hz
+            yield view.row_at(begin + duration.value)
 
 
 def _is_of_an_edge(found: _Found, edges: Iterable[float]) -> bool:
@@ -286,7 +286,8 @@ def _border(
     count, inside = np.asarray(end - begin, np.float64), total[end] - total[begin]
     loglik = loglik_of_level(count, inside, weight)
     loglik += loglik_of_level(len(rows) - count, total[-1] - inside, weight)
-    return instant_of(rows_of_loglik(loglik), view.grid.rate_hz, low / view.grid.rate_hz)
+    start_s = view.series.start_s + low / view.grid.rate_hz
+    return instant_of(rows_of_loglik(loglik), view.grid.rate_hz, start_s)
 
 
 def _freedom(power: Array, size: int) -> float:

@@ -87,7 +87,7 @@ def _begins_early(view: View, candidate: Candidate) -> bool:
     if not effect.is_piecewise:
         return isinstance(effect, WarmUp)
     at = effect.parameters.get("time")  # of a ramp there is none
-    return at is None or float(at.value) < view.series.duration_s / _EARLY
+    return at is None or view.row_at(float(at.value)) < view.grid.n / _EARLY
 
 
 def _worth(view: View, bare: View) -> float:

@@ -272,7 +272,9 @@ def _norms(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _steady_size(norm: NDArray[np.float64]) -> float:
     """Return the median of norms that hardly scatter; 0 where they do, or there are none."""
-    size = float(np.median(norm)) if len(norm) else 0.0
+    if len(norm) == 0:
+        return 0.0
+    size = float(np.median(norm))
     if not np.isfinite(size) or float(np.median(np.abs(norm - size))) > _STEADY * size:
         return 0.0
     return size

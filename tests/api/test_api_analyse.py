@@ -283,6 +283,26 @@ def test_a_result_and_a_curve_are_one_line_at_the_prompt():
     assert repr(curve) == "<Deviation oadev: 2 averaging times, 0.5 to 1 s>"
 
 
+def test_each_column_of_text_has_its_own_unit(tmp_path):
+    """All axes of a sensor had that of its last column: a thousand times too large, unsaid."""
+    rng = np.random.default_rng(5)
+    columns = {
+        "gx[mdps]": 40.0,
+        "gy[dps]": 0.04,
+        "gz[rad/s]": np.radians(0.04),
+        "ax[mg]": 1.0,
+        "az[g]": 1e-3,
+    }
+    path = tmp_path / "mixed.csv"
+    rows = rng.normal(size=(4000, 5)) * [*columns.values()]
+    np.savetxt(path, rows, "%.7f", ",", header=",".join(columns), comments="")
+    axes = analyse(path, rate=100.0).axes
+    for axis in ("gx", "gy", "gz"):
+        assert axes[axis].coefficients["N"].value == pytest.approx(4e-3, rel=0.05)
+    for axis in ("ax", "az"):
+        assert axes[axis].coefficients["N"].value == pytest.approx(1e-4, rel=0.05)
+
+
 def test_a_row_of_zeros_beside_gravity_is_a_lost_sample():
     values = 0.01 * np.random.default_rng(5).normal(size=(4000, 6)) + [0, 0, 0, 0, 0, 1]
     values[[700, 701, 2900]] = 0.0

@@ -288,7 +288,17 @@ class TextInterpreter:
             own = values[:, [other == sensor for other in sensors]]
             units[sensor] = self._unit(sensor, own, units.get("accel", ""), said[sensor])
         remarks += [remark for sensor in said for remark in said[sensor]]
-        return [units[sensor] for sensor in sensors]
+        stated = self._units_of_columns()
+        return [stated.get(axis, units[s]) for axis, s in zip(axes, sensors, strict=True)]
+
+    def _units_of_columns(self) -> dict[str, str]:
+        """Return the units that columns of the table state, one may have another than the next."""
+        columns = self._table.columns if self._table is not None else ()
+        return {
+            AXES[c.axis]: c.unit
+            for c in columns
+            if c is not None and c.axis >= 0 and c.unit and c.quantity not in self.given
+        }
 
     def _unit(self, sensor: Quantity, values: Values, accel: str, remarks: list[str]) -> str:
         unit = self.given.get(sensor) or self._stated.get(sensor, "")

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 
-from allanscope.cli import WITH_SETTINGS, parser
+from allanscope.cli import WITH_SETTINGS, keep_inputs, parser
 from allanscope.errors import AllanscopeError, ExitCode, UsageError
 from allanscope.lazy import defer_unused
 from allanscope.sanitize import print_error, spell_out_standard_streams
@@ -44,6 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _not_parsed(error)
     try:
         with _searches_shown() if arguments.debug else nullcontext():
+            keep_inputs(arguments)
             defer_unused()
             code = int(arguments.command(arguments))
             if sys.stdout is not None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from allanscope.analysis import Analysis, ReferenceCurve
     from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings
 
-__all__ = ["WITH_SETTINGS", "parser"]
+__all__ = ["WITH_SETTINGS", "keep_inputs", "parser"]
 
 WITH_SETTINGS = ("live", "replay", "open")
 """Commands that take defaults from the settings file."""
@@ -585,6 +585,29 @@ def _name_outputs(options: Namespace, *names: str | None) -> None:
     for name in names:
         if name and not options.quiet and (Path(name).is_file() or Path(name).is_dir()):
             print(f"Saved: {name}", file=stream)
+
+
+_OUTPUTS = ("out", "json", "report", "table", "junit")
+"""Options and arguments that name a file to write."""
+
+
+def keep_inputs(options: Namespace) -> None:
+    """Refuse to write a file over one that is read.
+
+    Raises
+    ------
+    UsageError
+        Naming the file.
+    """
+    read: list[Path] = []
+    written: list[Path] = []
+    for name, given in vars(options).items():
+        names = given if isinstance(given, list) else [given]
+        files = [Path(one) for one in names if isinstance(one, str) and Path(one).is_file()]
+        (written if name in _OUTPUTS else read).extend(files)
+    for out in written:
+        if any(out.samefile(file) for file in read):
+            raise UsageError(f"{out} is read, and would be overwritten; choose another name")
 
 
 def _require_writable(*names: str | None) -> None:

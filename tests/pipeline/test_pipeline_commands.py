@@ -10,6 +10,7 @@ import pytest
 
 from allanscope.__main__ import main
 from allanscope.arguments import _duration
+from allanscope.errors import ExitCode
 from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 
 
@@ -144,3 +145,23 @@ def test_what_fits_and_draws_is_loaded_after_the_input_was_read(words, tmp_path)
     loaded = set(run.stdout.split())
     assert "allanscope.pipeline.analyse_file" in loaded
     assert not loaded & {"matplotlib", "rich", "allanscope.analysis.summary"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "export {0} {0}",
+        "analyse {0} --rate 100 --json {0}",
+        "analyse {0} --rate 100 --report {1}",
+        "analyse {0} --rate 100 --table {0}",
+        "report {0} --out {0}",
+    ],
+)
+def test_no_result_is_written_over_what_is_read(tmp_path, capsys, words):
+    path, link = tmp_path / "night.csv", tmp_path / "link.html"
+    text = "gx[dps]\n" + "\n".join(f"{0.01 * (i * 37 % 11)}" for i in range(500))
+    path.write_text(text)
+    link.symlink_to(path)
+    assert main(words.format(path, link).split()) == ExitCode.USAGE
+    assert "is read, and would be overwritten" in capsys.readouterr().err
+    assert path.read_text() == text

@@ -350,7 +350,9 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
         return suspects
     share = analysis.lost_samples / max(analysis.samples + analysis.lost_samples, 1)
     grade: Grade = "bad" if share > NOTICEABLE_LOSS else "note"
-    text = f"{losses_text(analysis)} ({number(100.0 * share, 2)} %)"
+    text = losses_text(analysis)
+    if analysis.lost_samples:
+        text += f" ({number(100.0 * share, 2)} %)"
     return [VerdictLine(grade, "Lost samples", text), *suspects]
 
 

@@ -283,9 +283,11 @@ def test_a_recording_is_not_imported_once_more(complaint, tmp_path):
 
 def test_a_replay_cannot_be_kept_in_a_file(complaint, tmp_path):
     assert main(["simulate", str(tmp_path / "a.mcap"), "--hours", "0.001", "--quiet"]) == 0
-    code, line = complaint("replay", "a.mcap", "--view", "none", "--out", "a.mcap")
-    assert code == 2
-    assert "cannot make the folder a.mcap" in line
+    (tmp_path / "b.mcap").write_bytes(b"another file")
+    for out, why in (("a.mcap", "a.mcap is read"), ("b.mcap", "cannot make the folder b.mcap")):
+        code, line = complaint("replay", "a.mcap", "--view", "none", "--out", out)
+        assert code == 2
+        assert why in line
 
 
 def test_a_folder_that_is_no_session(complaint, tmp_path):

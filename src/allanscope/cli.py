@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 from argparse import ArgumentParser, Namespace
@@ -599,14 +600,15 @@ def keep_inputs(options: Namespace) -> None:
     UsageError
         Naming the file.
     """
-    read: list[Path] = []
-    written: list[Path] = []
+    read: list[str] = []
+    written: list[str] = []
     for name, given in vars(options).items():
-        names = given if isinstance(given, list) else [given]
-        files = [Path(one) for one in names if isinstance(one, str) and Path(one).is_file()]
+        words = given if isinstance(given, list) else [given]
+        # A title or a command that is no name of a file, such as one too long for it, is none here.
+        files = [word for word in words if isinstance(word, str) and os.path.isfile(word)]
         (written if name in _OUTPUTS else read).extend(files)
     for out in written:
-        if any(out.samefile(file) for file in read):
+        if any(os.path.samefile(out, file) for file in read):
             raise UsageError(f"{out} is read, and would be overwritten; choose another name")
 
 

@@ -165,3 +165,10 @@ def test_no_result_is_written_over_what_is_read(tmp_path, capsys, words):
     assert main(words.format(path, link).split()) == ExitCode.USAGE
     assert "is read, and would be overwritten" in capsys.readouterr().err
     assert path.read_text() == text
+
+
+def test_a_title_may_be_longer_than_the_name_of_a_file(log, tmp_path):
+    """Options were asked whether they name a file that is read; this one cannot."""
+    page = tmp_path / "page.html"
+    assert main(["analyse", str(log), "--report", str(page), "--title", "x" * 5000]) == 0
+    assert "x" * 5000 in page.read_text(encoding="utf-8")

@@ -189,14 +189,14 @@ def _without_missing(columns: Columns) -> Columns:
 
     So is a row of zeros, where an accelerometer shows gravity.
     """
-    blank, zeros = (np.full(len(next(iter(columns.axes.values()))), of) for of in (False, True))
+    blank = np.zeros(len(next(iter(columns.axes.values()))), np.bool_)
     for values in columns.axes.values():
         if values.dtype.kind == "f":
             blank |= np.isnan(values)
-        zeros &= values == 0
     accel = [columns.axes[axis][:LOOKED_AT] for axis in AXES[3:] if axis in columns.axes]
-    if len(accel) < 3 or not shows_gravity(np.column_stack(accel)):
-        zeros[:] = False
+    zeros = np.full(len(blank), len(accel) == 3 and shows_gravity(np.column_stack(accel)))
+    for values in columns.axes.values() if zeros.any() else ():
+        zeros &= values == 0
     missing = blank | zeros
     count = int(missing.sum())
     if count == 0:

@@ -76,7 +76,7 @@ def interleaved(
     """
     m = columns.shape[1]
     if block is None:
-        block = (np.arange(view.grid.n) / max(1.0, _BLOCK_S * view.grid.rate_hz)).astype(np.int64)
+        block = _blocks(view.grid.n, _BLOCK_S, view.grid.rate_hz)
         m = view.grid.n - 1
     n = len(block)
     # What is left out of the fit is left out here: a loud tone would be taken for white noise.
@@ -124,10 +124,15 @@ def _contradiction(signals: Array, white: Array, rate_hz: float) -> float:
     left = signal * (white - signal)
     ratios = [1.0]
     for length_s in _ERROR_BLOCKS_S:
-        block = (np.arange(len(white)) / max(1.0, length_s * rate_hz)).astype(np.int64)
+        block = _blocks(len(white), length_s, rate_hz)
         free = np.maximum(1 - np.bincount(block, signal**2) / energy, _LEAST_FREE)
         ratios.append(float(np.sum(np.bincount(block, left) ** 2 / free)) / energy)
     return max(ratios)
+
+
+def _blocks(rows: int, length_s: float, rate_hz: float) -> NDArray[np.int64]:
+    """Return the number of the block of each row, in blocks of a length or of one row at least."""
+    return (np.arange(rows) / max(1.0, length_s * rate_hz)).astype(np.int64)
 
 
 def _amplitude(normal: Array, right: Array) -> Array:

@@ -113,7 +113,7 @@ def presence_of(view: View, low: float, high: float) -> Presence | None:
         share = float(loud.mean())
         if share > _PARTLY:
             return None
-        times = view.series.start_s + edges / grid.rate_hz
+        times = view.time_at(edges.astype(np.float64))
         return Presence(share, _spans(loud, times))
     return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ _TEXTBOOK = (White(1.0), Flicker(1.0), RandomWalk(1.0))
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Number = TypeVar("Number", float, Array)
 Span = tuple[float, float]
 """From and until when, in s."""
 
@@ -229,11 +230,11 @@ class View:
         """What steps and boxes of the level gain under the fitted noise, at every instant."""
         return StepScan(self.grid, self.ordinates, self.spectrum)
 
-    def time_at(self, row: float) -> float:
-        """Return the time of the run in s at which a row begins."""
+    def time_at(self, row: Number) -> Number:
+        """Return the time of the run in s at which a row, or each of an array, begins."""
         return self.series.start_s + row / self.grid.rate_hz
 
-    def row_at(self, time_s: float) -> float:
+    def row_at(self, time_s: Number) -> Number:
         """Return the row at a time of the run, which may have begun before the rows."""
         return (time_s - self.series.start_s) * self.grid.rate_hz
 

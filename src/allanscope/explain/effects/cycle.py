@@ -203,7 +203,7 @@ class Cycle(EffectKind):
     @classmethod
     def _of(cls, view: View, noise: View, cycles: Cycles, part: Component) -> Candidate:
         """Return the candidate of settled cycles."""
-        rate, start_s = view.grid.rate_hz, view.series.start_s
+        rate = view.grid.rate_hz
         lengths = np.diff(cycles.begins)[1:-1] / rate
         mean = float(lengths.mean())
         ends = float(np.hypot(cycles.errors[1], cycles.errors[-2])) / rate
@@ -216,7 +216,7 @@ class Cycle(EffectKind):
             0.0,
             float(lengths.min()),
             float(lengths.max()),
-            tuple((start_s + cycles.begins / rate).tolist()),
+            tuple(view.time_at(cycles.begins).tolist()),
             tuple(cycles.fit.amplitude.tolist()),
             cycles.price,
         )
@@ -237,7 +237,7 @@ class Cycle(EffectKind):
 
     def _rows(self, view: View) -> Array:
         """Return the rows at which cycles begin, not whole numbers."""
-        return (np.array(self.begins) - view.series.start_s) * view.grid.rate_hz
+        return view.row_at(np.array(self.begins))
 
     def _cycle(self, view: View) -> NDArray[np.int64]:
         """Return the number of the cycle in which each of as many places is as `in_time` has."""

@@ -429,8 +429,8 @@ def _predicted(view: View, centre: float, width: float, there: Presence | None) 
     amplitude = demodulate(_around(view, centre, 4 * rate / length), rate, centre, blocks)
     near = np.ones(blocks - 2, bool)
     if there is not None:  # elsewhere a prediction only adds noise
-        time = view.series.start_s + (np.arange(1, blocks - 1) + 0.5) * length / rate
-        near = there.surroundings(time.astype(np.float64))
+        middles = np.arange(1.5, blocks - 1) * length
+        near = there.surroundings(view.time_at(middles.astype(np.float64)))
         if np.count_nonzero(near) < _PARTS:  # a few waves: too few to be told from a knock
             return None
     neighbours = ((amplitude[:-2] + amplitude[2:]) / 2)[near]

@@ -286,8 +286,7 @@ def _border(
     count, inside = np.asarray(end - begin, np.float64), total[end] - total[begin]
     loglik = loglik_of_level(count, inside, weight)
     loglik += loglik_of_level(len(rows) - count, total[-1] - inside, weight)
-    start_s = view.series.start_s + low / view.grid.rate_hz
-    return instant_of(rows_of_loglik(loglik), view.grid.rate_hz, start_s)
+    return instant_of(rows_of_loglik(loglik), view.grid.rate_hz, view.time_at(low))
 
 
 def _freedom(power: Array, size: int) -> float:
